@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 import locplan
 from locplan import FieldConfig, Fisher, Fused, Lidar, OccupancyGrid, Sad, Scan
-from locplan._support.intervals import Interval, Rank, Resamples, make_generator, rank
+from locplan._support.intervals import BootstrapResamples, Interval, Rank, make_generator, rank
 from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
 from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams as KernelLidar, measure_ends
 from locplan._support.kernels.likelihood import NOWHERE, LikelihoodField, ScanLattice, make_lattice
@@ -344,7 +344,7 @@ class Evaluation:
         Deviations of the heading are compared with the heading's error, all others with the
         position's.
         """
-        drawn = Resamples.from_counts([len(places.points) for places in self.places])
+        drawn = BootstrapResamples.from_counts([len(places.points) for places in self.places])
         return {
             (predictor, kind): rank(
                 [found[predictor] for found in self.predictions],

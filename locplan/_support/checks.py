@@ -70,15 +70,15 @@ def check_integer(name: str, value: object, low: int = 1, high: float = math.inf
 def check_choice(name: str, value: object, choices: Collection[str]) -> object:
     """Return the value, which must be one of some words."""
     if not (isinstance(value, str) and value in choices):
-        choice_list, guess = ", ".join(choices), suggestion(value, choices)
+        choice_list, guess = ", ".join(choices), suggestion_text(value, choices)
         raise ConfigError(f"{name} must be one of {choice_list}, not {short_repr(value)}{guess}")
     return value
 
 
-def suggestion(value: object, choices: Iterable[str]) -> str:
+def suggestion_text(value: object, choices: Iterable[str]) -> str:
     """Return the end of an error about an unknown name: the most similar known one, if any.
 
-    >>> suggestion("turtlebot_4", ["turtlebot3", "turtlebot4"])
+    >>> suggestion_text("turtlebot_4", ["turtlebot3", "turtlebot4"])
     "; did you mean 'turtlebot4'?"
     """
     names = {name.lower(): name for name in choices}
@@ -179,7 +179,7 @@ def short_repr(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-class _Short(reprlib.Repr):
+class _ShortRepr(reprlib.Repr):
     """A repr of bounded length and depth."""
 
     def __init__(self) -> None:
@@ -190,7 +190,7 @@ class _Short(reprlib.Repr):
         return f"a number of {x.bit_length()} bits" if x.bit_length() > 999 else repr(x)
 
 
-_SHORT = _Short()
+_SHORT = _ShortRepr()
 
 
 def _maximum_text(value: object) -> str:
@@ -230,14 +230,8 @@ class Settings:
         for setting_field in dataclasses.fields(self):
             if check_spec := _find_check(type(self), setting_field.name):
                 check, *limits = check_spec
-                set_frozen_fields(
-                    self,
-                    **{
-                        setting_field.name: check(
-                            setting_field.name, getattr(self, setting_field.name), *limits
-                        )
-                    },
-                )
+                value = check(setting_field.name, getattr(self, setting_field.name), *limits)
+                object.__setattr__(self, setting_field.name, value)
 
     def __repr__(self) -> str:
         changed = ", ".join(f"{name}={value!r}" for name, value in _find_changed_settings(self))
@@ -310,14 +304,14 @@ def set_frozen_fields(owner: object, **values: object) -> None:
         object.__setattr__(owner, name, value)
 
 
-def usable_cores() -> int:
+def count_usable_cores() -> int:
     """Number of cores that this process may run on."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
-def usable_memory() -> int:
+def get_usable_memory() -> int:
     """Memory that a computation may take [bytes]."""
     try:
         total_memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -340,13 +334,13 @@ def check_workers(workers: int | None) -> int:
 
 def _check_resource_limit(name: str, value: int | None, per_core: int, size: int) -> int:
     """A number of things, so many for each core at most, and each of a size [bytes]."""
-    cores = usable_cores()
+    cores = count_usable_cores()
     if value is None:
         return cores
     maximum, reason = per_core * cores, f"{per_core} for each of this machine's {cores} cores"
-    if size * maximum > usable_memory():
-        maximum = max(1, usable_memory() // size)
-        memory, share = _format_gigabytes(usable_memory()), _format_gigabytes(size)
+    if size * maximum > get_usable_memory():
+        maximum = max(1, get_usable_memory() // size)
+        memory, share = _format_gigabytes(get_usable_memory()), _format_gigabytes(size)
         reason = f"{memory} of this machine's memory, {share} each"
     if check_integer(name, value) > maximum:
         raise ConfigError(f"{name} must be at most {maximum} ({reason}), not {value}")
@@ -355,10 +349,10 @@ def _check_resource_limit(name: str, value: int | None, per_core: int, size: int
 
 def check_memory(data_name: str, size: float, remedy: str) -> None:
     """Raise a ConfigError if something takes more memory [bytes] than the machine has."""
-    if size > usable_memory():
+    if size > get_usable_memory():
         raise ConfigError(
             f"{data_name} take {_format_gigabytes(size)} of memory, and this machine has"
-            f" {_format_gigabytes(usable_memory())} for"
+            f" {_format_gigabytes(get_usable_memory())} for"
             f" them; {remedy}"
         )
 

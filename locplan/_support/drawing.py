@@ -30,7 +30,7 @@ from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 from locplan._support.checks import make_printable
 from locplan._support.files import PICTURES, check_target
 from locplan._support.kernels.arrays import Floats, Octets
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 from locplan._support.public import render_png
 from locplan._support.records import FILE_DPI
 
@@ -118,7 +118,7 @@ class Picture(Figure):
         """
         if not self._laid_out:
             self._show_texts_as_they_are()
-        with _any_glyphs():
+        with _ignore_missing_glyphs():
             super().draw(renderer)
 
     def savefig(self, fname: Any, **options: Any) -> None:
@@ -142,7 +142,7 @@ class Picture(Figure):
             canvas: Any = FigureCanvasAgg(self)
             renderer = canvas.get_renderer()
             self._show_texts_as_they_are()
-            with _any_glyphs():
+            with _ignore_missing_glyphs():
                 engine.execute(self)
                 box = self.get_tightbbox(renderer).padded(options.pop("pad_inches", 0.1))
             # With these settings alone a figure can have no layout engine.
@@ -216,7 +216,7 @@ def break_title(text: str, width: float) -> list[str]:
 
 
 @contextmanager
-def _any_glyphs() -> Iterator[None]:
+def _ignore_missing_glyphs() -> Iterator[None]:
     """Keep matplotlib from warning of characters that the font has not."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
@@ -230,7 +230,7 @@ def _find_tick_texts(axis: Any) -> list[Text]:
     return [*labels, axis.get_offset_text()]
 
 
-class RoundNumbers(Locator):
+class RoundNumberLocator(Locator):
     """Ticks of a logarithmic axis at 1, 2, 5, 10 and so on, or evenly where it is short."""
 
     def __init__(self, max_ticks: int = MAX_TICKS) -> None:
@@ -243,10 +243,10 @@ class RoundNumbers(Locator):
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Find the ticks between two values."""
-        return round_numbers(min(vmin, vmax), max(vmin, vmax), self.max_ticks)
+        return choose_round_ticks(min(vmin, vmax), max(vmin, vmax), self.max_ticks)
 
 
-def round_numbers(low: float, high: float, max_ticks: int = MAX_TICKS) -> Floats:
+def choose_round_ticks(low: float, high: float, max_ticks: int = MAX_TICKS) -> Floats:
     """Round numbers from `low` to `high` for a logarithmic scale, at most `max_ticks` of them."""
     if not (0 < low < high and math.isfinite(high)):
         return np.array([low])
@@ -275,7 +275,7 @@ def round_numbers(low: float, high: float, max_ticks: int = MAX_TICKS) -> Floats
     return ticks
 
 
-def label_plainly(axis: Axis, max_ticks: int = MAX_TICKS) -> None:
+def label_with_plain_numbers(axis: Axis, max_ticks: int = MAX_TICKS) -> None:
     """Label a logarithmic axis with plain numbers.
 
     Parameters
@@ -285,7 +285,7 @@ def label_plainly(axis: Axis, max_ticks: int = MAX_TICKS) -> None:
     max_ticks : int, default 8
         Maximum number of ticks.
     """
-    axis.set_major_locator(RoundNumbers(max_ticks))
+    axis.set_major_locator(RoundNumberLocator(max_ticks))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -301,10 +301,12 @@ def make_logarithmic(axis: Any, max_ticks: int = MAX_TICKS) -> None:
         Maximum number of ticks.
     """
     getattr(axis.axes, f"set_{axis.axis_name}scale")("log")
-    label_plainly(axis, max_ticks)
+    label_with_plain_numbers(axis, max_ticks)
 
 
-def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options: Any) -> Colorbar:
+def draw_field_bar(
+    figure: Figure, image: AxesImage, axes: Any, label: str, **options: Any
+) -> Colorbar:
     """The colour bar of a field; deviations have plain numbers at 1, 2 and 5 of each decade."""
     low, high = image.get_clim()
     values = image.get_array()
@@ -313,14 +315,14 @@ def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options
     bar = figure.colorbar(image, ax=axes, label=label, extend=extend, **options)
     if isinstance(image.norm, LogNorm) and low and high:
         if (low >= 0.1 and high <= 10_000) or high < 500 * low:  # few decades
-            label_plainly(bar.ax.yaxis)
+            label_with_plain_numbers(bar.ax.yaxis)
         else:
-            bar.ax.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+            bar.ax.yaxis.set_major_formatter(FuncFormatter(_format_power_of_ten))
             bar.ax.yaxis.set_minor_formatter(NullFormatter())
     return bar
 
 
-def _power_of_ten(value: float, _: object) -> str:
+def _format_power_of_ten(value: float, _: object) -> str:
     """10 to a power in plain characters; matplotlib's own formulas take 0.3 s to begin with."""
     superscripts = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
     return f"10{str(round(math.log10(value))).translate(superscripts)}"
@@ -458,7 +460,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = FILE
     """
     check_target(FilePath(path), *PICTURES)
     suffix = FilePath(path).suffix.lower().lstrip(".")
-    with replacing(path) as temporary:
+    with replace_file(path) as temporary:
         # matplotlib's writer of PDFs hides an error of the disk behind one of its own
         target = BytesIO() if suffix == "pdf" else temporary
         figure.savefig(target, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)

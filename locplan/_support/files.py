@@ -49,7 +49,7 @@ def check_folder(folder: Path) -> None:
 
     It is called before long work; the folder is made when there is something to write.
     """
-    with errors_in_one_line(folder):
+    with shorten_errors(folder):
         existing_parent = next(
             parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent)
         )
@@ -67,7 +67,7 @@ def check_folder(folder: Path) -> None:
 def make_folder(folder: Path) -> None:
     """Make a folder and those above it, unless they exist."""
     check_folder(folder)
-    with errors_in_one_line(folder):
+    with shorten_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
 
 
@@ -96,7 +96,7 @@ def _check_place(path: Path, *suffixes: str) -> None:
 
 
 @contextmanager
-def errors_in_one_line(path: Path) -> Iterator[None]:
+def shorten_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:

@@ -160,10 +160,10 @@ def draw_blocks(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
     block_numbers, number = np.unique(blocks, return_inverse=True)
     if len(block_numbers) < 5:
         return np.empty((0, len(blocks)))
-    return _draws(np.random.default_rng(0), len(block_numbers), resamples)[:, number]
+    return _count_draws(np.random.default_rng(0), len(block_numbers), resamples)[:, number]
 
 
-def mean_interval(values: Floats, blocks: Ints, counted: Floats | None = None) -> Interval:
+def estimate_block_mean(values: Floats, blocks: Ints, counted: Floats | None = None) -> Interval:
     """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none.
 
     Of the values those count that are 1 in `counted` (n,), not 0; by default all do.
@@ -213,7 +213,7 @@ class Rank:
 
 
 @dataclass(frozen=True, eq=False)
-class Resamples:
+class BootstrapResamples:
     """Numbers of times that places and maps are drawn in each of `RESAMPLES` bootstraps."""
 
     places: Sequence[Floats]
@@ -222,15 +222,15 @@ class Resamples:
     """Draws of the maps, (RESAMPLES, maps)."""
 
     @classmethod
-    def from_counts(cls, counts: Sequence[int], seed: int = 0) -> Resamples:
+    def from_counts(cls, counts: Sequence[int], seed: int = 0) -> BootstrapResamples:
         """Resamples of maps with these numbers of places."""
         random = np.random.default_rng(seed)
-        places = [_draws(random, count) for count in counts]
-        maps = _draws(random, len(counts)) if len(counts) > 1 else np.ones((RESAMPLES, 1))
+        places = [_count_draws(random, count) for count in counts]
+        maps = _count_draws(random, len(counts)) if len(counts) > 1 else np.ones((RESAMPLES, 1))
         return cls(places, maps)
 
 
-def rank(values: Sequence[Floats], errors: Sequence[Floats], resamples: Resamples) -> Rank:
+def rank(values: Sequence[Floats], errors: Sequence[Floats], resamples: BootstrapResamples) -> Rank:
     """Statistics of how well values rank errors.
 
     Parameters
@@ -251,24 +251,27 @@ def rank(values: Sequence[Floats], errors: Sequence[Floats], resamples: Resample
     )
     within = np.array([spearman(v, e) for v, e in zip(values, errors, strict=True)])
     within_drawn = np.stack(
-        [_spearmans(v, e, w) for v, e, w in zip(values, errors, resamples.places, strict=True)],
+        [
+            _compute_spearmans(v, e, w)
+            for v, e, w in zip(values, errors, resamples.places, strict=True)
+        ],
         axis=1,
     )
     means = (within_drawn * resamples.maps).sum(axis=1) / resamples.maps.sum(axis=1)
     return Rank(
         interval_from_resamples(
-            spearman(all_values, all_errors), _spearmans(all_values, all_errors, weights)
+            spearman(all_values, all_errors), _compute_spearmans(all_values, all_errors, weights)
         ),
         interval_from_resamples(float(within.mean()), means),
         interval_from_resamples(
-            auc(all_values, all_errors), _aucs(all_values, all_errors, weights)
+            auc(all_values, all_errors), _compute_aucs(all_values, all_errors, weights)
         ),
     )
 
 
 def spearman(values: Floats, errors: Floats) -> float:
     """Spearman's rank correlation, 0 if either is constant."""
-    return float(_spearmans(values, errors, np.ones((1, len(values))))[0])
+    return float(_compute_spearmans(values, errors, np.ones((1, len(values))))[0])
 
 
 def auc(values: Floats, errors: Floats) -> float:
@@ -280,10 +283,10 @@ def auc(values: Floats, errors: Floats) -> float:
     >>> auc(np.array([1.0, 2.0, 3.0, 4.0, 5.0]), errors), auc(np.ones(5), errors)
     (1.0, 0.5)
     """
-    return float(_aucs(values, errors, np.ones((1, len(values))))[0])
+    return float(_compute_aucs(values, errors, np.ones((1, len(values))))[0])
 
 
-def _ranks(values: Floats, weights: Floats) -> Floats:
+def _compute_ranks(values: Floats, weights: Floats) -> Floats:
     """Mean ranks, (m, n), of values that each occur as often as `weights` (m, n) say."""
     _, group = np.unique(values, return_inverse=True)
     order = np.argsort(group, kind="stable")
@@ -292,27 +295,27 @@ def _ranks(values: Floats, weights: Floats) -> Floats:
     return (np.cumsum(sizes, axis=1) - (sizes - 1) / 2)[:, group]
 
 
-def _spearmans(values: Floats, errors: Floats, weights: Floats) -> Floats:
+def _compute_spearmans(values: Floats, errors: Floats, weights: Floats) -> Floats:
     """Spearman's coefficient for each row of weights (m, n), (m,)."""
     total = weights.sum(axis=1, keepdims=True)
-    a, b = (_ranks(v, weights) - (total + 1) / 2 for v in (values, errors))
+    a, b = (_compute_ranks(v, weights) - (total + 1) / 2 for v in (values, errors))
     size = np.sqrt((weights * a * a).sum(axis=1) * (weights * b * b).sum(axis=1))
     return np.asarray(
         np.divide((weights * a * b).sum(axis=1), size, out=np.zeros(len(a)), where=size > 0)
     )
 
 
-def _aucs(values: Floats, errors: Floats, weights: Floats) -> Floats:
+def _compute_aucs(values: Floats, errors: Floats, weights: Floats) -> Floats:
     """AUC for each row of weights (m, n), (m,); the worst places are the same in all rows."""
     bad = errors >= np.quantile(errors, 0.8, method="higher")
-    ranks = (weights * _ranks(values, weights))[:, bad].sum(axis=1)
+    ranks = (weights * _compute_ranks(values, weights))[:, bad].sum(axis=1)
     bad_count, good_count = weights[:, bad].sum(axis=1), weights[:, ~bad].sum(axis=1)
     pairs = bad_count * good_count
     above = ranks - bad_count * (bad_count + 1) / 2
     return np.asarray(np.divide(above, pairs, out=np.full(len(pairs), 0.5), where=pairs > 0))
 
 
-def _draws(random: np.random.Generator, count: int, resamples: int = RESAMPLES) -> Floats:
+def _count_draws(random: np.random.Generator, count: int, resamples: int = RESAMPLES) -> Floats:
     """Number of times that each of `count` items is drawn, (resamples, count)."""
     return random.multinomial(count, np.full(count, 1 / count), resamples).astype(float)
 

@@ -22,9 +22,9 @@ from typing import Any
 
 from locplan._support import runs
 from locplan._support.checks import check_file_path
-from locplan._support.files import check_folder, check_no_input, check_target, errors_in_one_line
+from locplan._support.files import check_folder, check_no_input, check_target, shorten_errors
 from locplan._support.reading import open_file, parse_json, read_text
-from locplan._support.supervision import announce
+from locplan._support.supervision import announce_folder
 from locplan.errors import LocplanError
 
 PREFIX, NEW, JOURNAL = ".locplan-tmp-", "new", "moves.json"
@@ -109,7 +109,7 @@ class Output:
             for existing_parent in (self._home, *self._home.parents)
             if existing_parent.is_dir()
         )
-        with errors_in_one_line(self.target), temporary_folder(base) as staging:
+        with shorten_errors(self.target), temporary_folder(base) as staging:
             within = self._home.relative_to(base)
             new = staging / NEW / within
             new.mkdir(parents=True)
@@ -118,7 +118,7 @@ class Output:
             except LocplanError as error:
                 text = strip_staging_folder(str(error)).replace(str(self._home), str(self._folder))
                 raise type(error)(text) from None
-            self.check(*(written := _digests(new)))
+            self.check(*(written := _compute_digests(new)))
             if not written:
                 return
             kind, recorded_digests = runs.read_outputs(self._home / self._run_name)
@@ -132,7 +132,7 @@ class Output:
             is_more = adds and kind == self.kind
             stale = set() if is_more else unchanged - written.keys()
             outputs = {name: recorded_digests[name] for name in unchanged - stale} | written
-            text = runs.run_text(Path(strip_staging_folder(self._home)), self.kind, outputs)
+            text = runs.format_run(Path(strip_staging_folder(self._home)), self.kind, outputs)
             (new / self._run_name).write_text(text, encoding="utf-8")
             present[self._run_name] = compute_file_digest(self._home / self._run_name)
             moves, removals = (
@@ -167,7 +167,7 @@ class Output:
 
 
 @dataclass(frozen=True)
-class Results:
+class ResultFiles:
     """A kind of results, which are written into a folder together."""
 
     kind: str
@@ -205,14 +205,14 @@ def describe_files(purposes: Mapping[str, str], names: Iterable[str]) -> list[tu
 
 
 @contextmanager
-def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
+def replace_file(target: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary file that replaces `target` when the block succeeds.
 
     It has the target's name, since writers choose the format by its suffix.
     """
     path = check_file_path("a file to write", target)
     check_no_input(path)
-    with errors_in_one_line(path), temporary_folder(path.parent) as folder:
+    with shorten_errors(path), temporary_folder(path.parent) as folder:
         new = folder / path.name
         new.touch()
         yield new
@@ -224,8 +224,8 @@ def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
     """Yield a new folder in `parent`, or where the system has such, that is removed at the end."""
     home = os.path.abspath(parent or gettempdir())
     clear_abandoned(home)
-    folder, lock = _new_folder(home)
-    announce(str(folder))
+    folder, lock = _make_locked_folder(home)
+    announce_folder(str(folder))
     try:
         yield folder
     finally:
@@ -235,7 +235,7 @@ def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
             finish_moves(folder)
             raise
         finally:
-            announce(str(folder), is_gone=True)
+            announce_folder(str(folder), is_gone=True)
             if lock is not None:
                 os.close(lock)
 
@@ -325,13 +325,13 @@ def compute_file_digest(file: Path) -> str | None:
         return None
 
 
-def _digests(folder: Path) -> dict[str, str]:
+def _compute_digests(folder: Path) -> dict[str, str]:
     return {name: compute_file_digest(folder / name) or "" for name in list_files(folder)}
 
 
-def _new_folder(home: str) -> tuple[Path, int | None]:
+def _make_locked_folder(home: str) -> tuple[Path, int | None]:
     """Return a new folder, and the descriptor of its lock, None where there are no locks."""
-    if _locks() is None:
+    if _import_lock_module() is None:
         return Path(mkdtemp(prefix=UNLOCKED, dir=home)), None
     while True:
         folder = Path(mkdtemp(prefix=PREFIX, dir=home))
@@ -343,7 +343,7 @@ def _new_folder(home: str) -> tuple[Path, int | None]:
             return folder, None
 
 
-def _locks() -> Any:
+def _import_lock_module() -> Any:
     """Return the module of locks; None on Windows."""
     try:
         import fcntl
@@ -357,7 +357,7 @@ def _lock(folder: Path, *, wait: bool) -> int | None:
 
     It is an OSError if another process holds it, or has removed the folder.
     """
-    fcntl = _locks()
+    fcntl = _import_lock_module()
     if fcntl is None:
         return None
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)

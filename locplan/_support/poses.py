@@ -18,7 +18,7 @@ Poses = NDArray[np.float64]
 """Array of poses (x, y, heading) in the world, (n, 3) [m, m, rad]."""
 
 
-def ends_in_map(ends: Floats, poses: Floats) -> Floats:
+def place_ends(ends: Floats, poses: Floats) -> Floats:
     """Ends (n, beams, 2) on robots at poses (n, 3), in the frame of the poses [m]."""
     cos, sin = (part(poses[:, 2])[:, None] for part in (np.cos, np.sin))
     x = poses[:, 0, None] + cos * ends[..., 0] - sin * ends[..., 1]
@@ -129,7 +129,7 @@ class Track:
         """True if no sample could be used."""
         return self._first is None
 
-    def at_times(self) -> Floats:
+    def interpolate(self) -> Floats:
         """Transforms at all times, (n, 7); NaN where no samples are near enough."""
         if self._first is None:
             return np.full((len(self._times), 7), np.nan)
@@ -157,7 +157,7 @@ def interpolate_transforms(times: Floats, before: Floats, after: Floats) -> Floa
     same = (before[:, 4:] * after[:, 4:]).sum(1)  # a quaternion and its negative turn alike
     after[:, 4:] *= np.where(same < 0, -1.0, 1.0)[:, None]
     transforms = before[:, 1:] + share[:, None] * (after[:, 1:] - before[:, 1:])
-    transforms[:, 3:] = _slerp(before[:, 4:], after[:, 4:], share)
+    transforms[:, 3:] = _interpolate_rotations(before[:, 4:], after[:, 4:], share)
     way = np.linalg.norm(after[:, 1:4] - before[:, 1:4], axis=1)
     turn = 2 * np.arccos(np.clip(np.abs(same), 0.0, 1.0))
     # Greatest time between two samples of a moving pose that are interpolated [s].
@@ -166,7 +166,7 @@ def interpolate_transforms(times: Floats, before: Floats, after: Floats) -> Floa
     return transforms
 
 
-def _slerp(start: Floats, end: Floats, share: Floats) -> Floats:
+def _interpolate_rotations(start: Floats, end: Floats, share: Floats) -> Floats:
     """Unit quaternions at a share of the turn from one to the other, (n, 4)."""
     start, end = (
         quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
@@ -256,7 +256,7 @@ class FrameTree:
         source_poses = np.tile(np.array(IDENTITY), (len(self._times), 1))
         for edge, backwards in chain:
             step = self._edges[edge]
-            pose = step.at_times() if isinstance(step, Track) else np.array([step])
+            pose = step.interpolate() if isinstance(step, Track) else np.array([step])
             source_poses = compose_transforms(
                 source_poses, invert_transforms(pose) if backwards else pose
             )

@@ -33,38 +33,40 @@ def is_compiling() -> bool:
 
 
 @contextmanager
-def progress_bar(label: str, unit: str, *, first: str = "starting") -> Iterator[ProgressCallback]:
+def show_progress_bar(
+    label: str, unit: str, *, first: str = "starting"
+) -> Iterator[ProgressCallback]:
     """Show a bar on standard error with the time left and, if it has a unit, the rate.
 
     It appears once the work has taken a second, also before anything is done, and vanishes when
     the work ends. Before anything is done it says `first`, or that kernels are
     being compiled. There is no bar if standard error is no terminal.
     """
-    bar = _Bar(label, unit, first)
+    bar = _ProgressBar(label, unit, first)
     with _show_after_delay(bar.show):
         yield bar.update
 
 
 @contextmanager
-def later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]:
-    """A `progress_bar` that begins with the first step: others may be shown before."""
+def show_later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]:
+    """A `show_progress_bar` that begins with the first step: others may be shown before."""
     with ExitStack() as bar_stack:
         bars: list[ProgressCallback] = []
 
         def step(n_done: int, total: int) -> None:
             if not bars:
-                bars.append(bar_stack.enter_context(progress_bar(label, unit)))
+                bars.append(bar_stack.enter_context(show_progress_bar(label, unit)))
             bars[0](n_done, total)
 
         yield step
 
 
 @contextmanager
-def working(label: str) -> Iterator[None]:
+def show_spinner(label: str) -> Iterator[None]:
     """Show on standard error what is done, and for how long, until it is done.
 
     It appears once the work has taken a second, and vanishes when the work ends. It must not be
-    shown while a `progress_bar` is. Nothing is shown if standard error is no terminal.
+    shown while a `show_progress_bar` is. Nothing is shown if standard error is no terminal.
     """
 
     def show() -> Progress | None:
@@ -111,7 +113,7 @@ def _start_display(label: str, *columns: ProgressColumn | str, **task: Any) -> P
     return display
 
 
-class _Bar:
+class _ProgressBar:
     """A bar of rich, which is only imported once there is something to show.
 
     As text it is what stands beside it: the rate, or what is done before there is one.

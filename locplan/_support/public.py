@@ -27,7 +27,7 @@ def attach(
     return get, names, public
 
 
-def field_docs(kind: type) -> dict[str, str]:
+def read_field_docs(kind: type) -> dict[str, str]:
     """The docstring of each field in one line, those of base classes included.
 
     A class that was not written in a file has none.
@@ -62,19 +62,19 @@ def _read_field_types(kind: type) -> dict[str, str]:
     return {name: getattr(hints.get(name), "__forward_arg__", "") for name in names}
 
 
-class Pictured:
+class DrawableResult:
     """An object with a figure, which is its display in a notebook."""
 
     if TYPE_CHECKING:
         figure: Callable[..., Any]
 
     @property
-    def drawable(self) -> bool:
+    def is_drawable(self) -> bool:
         """Whether there is anything to draw."""
         return True
 
     def _repr_png_(self) -> bytes | None:
-        return render_png(self.figure()) if self.drawable else None
+        return render_png(self.figure()) if self.is_drawable else None
 
 
 def render_png(figure: object, dpi: int = 80) -> bytes:

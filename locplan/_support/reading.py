@@ -79,7 +79,7 @@ def read_text(file: Path, limit: int = MAX_BYTES) -> str:
         return read_bytes(file, limit).decode("utf-8-sig")
 
 
-def numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, str]]:
+def read_numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, str]]:
     """Lines of a log with their numbers, one at a time; one that ends in .gz is unpacked meanwhile.
 
     Raises

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._support import tables
 from locplan._support.checks import check_file_path
-from locplan._support.output import Results
-from locplan._support.public import Pictured, require_extra
-from locplan._support.saved import Stored, to_plain_data
+from locplan._support.output import ResultFiles
+from locplan._support.public import DrawableResult, require_extra
+from locplan._support.saved import StoredResult, to_plain_data
 
 if TYPE_CHECKING:
     import pandas
@@ -224,10 +224,10 @@ def extract_values(columns: Iterable[Column], record: object) -> dict[str, Any]:
     return dict(tables.nan_to_none(values))
 
 
-class Result(Pictured):
+class Result(DrawableResult):
     """What a command finds: numbers, text for people, a figure, and a folder with all of them."""
 
-    files: ClassVar[Results]
+    files: ClassVar[ResultFiles]
     """The files of a folder of results."""
     if TYPE_CHECKING:
         report: Callable[..., str]
@@ -279,11 +279,11 @@ class Result(Pictured):
             What `summary` takes.
         """
         kind = self.files.kind
-        if isinstance(self, Stored) and self.suffix == ".json":
+        if isinstance(self, StoredResult) and self.suffix == ".json":
             self.write(folder / f"{kind}.json")
         else:
             tables.write_json(folder / f"{kind}.json", self.summary(*related))
-        if self.drawable:
+        if self.is_drawable:
             self.figure(*related).savefig(folder / f"{kind}.png", **IN_FILES)
         self._write(folder, *related)
 

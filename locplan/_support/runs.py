@@ -155,7 +155,7 @@ def note_written(target: Path, files: Sequence[tuple[Path, str]], n_more: int) -
         _CURRENT[-1].written += lines
 
 
-def take_written() -> list[str]:
+def pop_written_lines() -> list[str]:
     """Return the lines on the files that the run has written since the last call."""
     if not _CURRENT:
         return []
@@ -163,7 +163,7 @@ def take_written() -> list[str]:
     return lines
 
 
-def run_text(home: Path, kind: str, outputs: Mapping[str, str]) -> str:
+def format_run(home: Path, kind: str, outputs: Mapping[str, str]) -> str:
     """Text of run.yaml: the command that runs, if there is one, and what it has written.
 
     Parameters

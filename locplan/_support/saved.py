@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.checks import check_file_path, short_repr
 from locplan._support.files import check_target
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 from locplan._support.reading import STAMP, check_stamp, parse_json, read_bytes, stamp
 from locplan.errors import LocplanError
 
@@ -59,7 +59,7 @@ class EqualByValue:
         )
 
 
-class Stored(EqualByValue):
+class StoredResult(EqualByValue):
     """A result that is read back from its folder as it was."""
 
     kind: ClassVar[str]
@@ -114,7 +114,7 @@ class Stored(EqualByValue):
         except (LocplanError, TypeError, ValueError) as error:
             raise LocplanError(f"{file}: could not be read back: {error}") from None
         content = {**stamp(self.kind, self.version), **tree}
-        with replacing(file) as temporary:
+        with replace_file(file) as temporary:
             if self.suffix == ".json":
                 text = json.dumps(arrays_to_lists(content), indent=1, allow_nan=False)
                 temporary.write_text(text + "\n", encoding="utf-8")
@@ -122,7 +122,7 @@ class Stored(EqualByValue):
                 _write_arrays(temporary, content)
 
 
-class Persistent(Stored):
+class StoredObject(StoredResult):
     """What `save` writes into a file, and `load` reads back as it was."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -329,7 +329,7 @@ def _read(file: Path) -> Any:
     try:
         if file.suffix == ".json":
             return parse_json(read_bytes(file, MAX_SAVED_BYTES).decode("utf-8"))
-        return _tree_of_arrays(read_arrays(file, MAX_SAVED_BYTES))
+        return _decode_arrays(read_arrays(file, MAX_SAVED_BYTES))
     except OSError as error:
         raise LocplanError(f"{file}: cannot be read ({error.strerror or error})") from None
     except (LookupError, TypeError, ValueError):
@@ -348,7 +348,7 @@ def _write_arrays(file: Path, content: Any) -> None:
     write_arrays(file, {TREE_NAME: tree_text, **arrays})
 
 
-def _tree_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Any:
+def _decode_arrays(arrays: Mapping[str, NDArray[Any]]) -> Any:
     def resolve_array(tree: dict[str, Any]) -> Any:
         return arrays[str(int(tree[ARRAY]))] if tree.keys() == {ARRAY} else tree
 

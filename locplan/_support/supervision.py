@@ -25,7 +25,7 @@ _temporary_folders: set[str] = set()
 """The temporary folders of this process."""
 
 
-def announce(folder: str, *, is_gone: bool = False) -> None:
+def announce_folder(folder: str, *, is_gone: bool = False) -> None:
     """Tell the process that outlives this one of a temporary folder that it has to clear."""
     if is_gone:
         _temporary_folders.discard(folder)

@@ -19,25 +19,25 @@ from numpy.typing import ArrayLike
 
 from locplan import __version__
 from locplan._support.kernels.arrays import Floats
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 
 T = TypeVar("T")
 
 TEXT_WIDTH, REPORT_WIDTH = 105, 100
 """Maximum width of text beside tables, and that of running text in reports [characters]."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
-"""Beginning of a text that a spreadsheet takes for a formula, or that `csv_cell` has guarded."""
+"""Beginning of a formula of a spreadsheet, or of a text guarded by `format_csv_cell`."""
 
 
 def write_csv(target: Path, values: Floats, header: str, number: str = "%.6f") -> None:
     """Write columns of numbers with a header as CSV, whole or not at all."""
-    with replacing(target) as temporary:
+    with replace_file(target) as temporary:
         np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
 
 
 def write_json(file: Path, content: Mapping[str, object]) -> None:
     """Write numbers and texts with the version of locplan, as a whole or not at all."""
-    with replacing(file) as temporary:
+    with replace_file(file) as temporary:
         text = json.dumps({"locplan": __version__, **content}, indent=2)
         temporary.write_text(text + "\n", encoding="utf-8")
 
@@ -48,15 +48,15 @@ def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any
     Signs that UTF-8 does not have, such as in the names of some files, are question marks.
     """
     with (
-        replacing(target) as temporary,
+        replace_file(target) as temporary,
         temporary.open("w", newline="", encoding="utf-8", errors="replace") as file,
     ):
         writer = csv.writer(file)
         writer.writerow(columns)
-        writer.writerows([csv_cell(value) for value in row] for row in rows)
+        writer.writerows([format_csv_cell(value) for value in row] for row in rows)
 
 
-def csv_cell(value: Any) -> Any:
+def format_csv_cell(value: Any) -> Any:
     """A value for a CSV file: nothing for what is not finite, and no formula of a spreadsheet.
 
     A text that it would compute gets an apostrophe, as OWASP advises; a number in a text stays.
@@ -71,8 +71,8 @@ def csv_cell(value: Any) -> Any:
     return f"{value:.9g}" if math.isfinite(value) else ""
 
 
-def from_csv_cell(text: str) -> str:
-    """The text that `csv_cell` has written."""
+def parse_csv_cell(text: str) -> str:
+    """The text that `format_csv_cell` has written."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
@@ -235,5 +235,5 @@ def write_geojson(
 ) -> None:
     """Write a collection, as a whole or not at all."""
     text = json.dumps(feature_collection, allow_nan=False, indent=indent)
-    with replacing(file) as temporary:
+    with replace_file(file) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The drives of a check: of the baseline, with each fix, and with those that help together."""
+"""The drives of a check: baseline, each fix alone, and the best fixes combined."""
 
 from __future__ import annotations
 
@@ -13,13 +13,21 @@ import numpy as np
 
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan.advice import fixes as _fixes
-from locplan.advice.driving import Site, SiteRunner
-from locplan.advice.failures import Passage, blame_spots, find_passage
-from locplan.advice.fixes import CHEAP, KINDS, MEND, REACH, SETTINGS, WALLS, Fix
-from locplan.advice.map_reading import MapReading
+from locplan.advice.driving import Scenario, ScenarioRunner
+from locplan.advice.failures import Passage, attribute_failures, find_passage
+from locplan.advice.fixes import (
+    CHEAP,
+    CORRECTED_MAP,
+    FULL_RANGE,
+    KINDS,
+    REPAIRED_MAP,
+    SETTINGS,
+    Fix,
+)
+from locplan.advice.map_reading import MapCorrection
 from locplan.advice.preset_choice import LevelCase, PresetChoice
 from locplan.advice.rates import (
-    LARGE,
+    LARGE_ERROR,
     DriveRates,
     FixResult,
     RouteResult,
@@ -31,7 +39,14 @@ from locplan.advice.rates import (
 )
 from locplan.advice.recorded import RecordingEvidence
 from locplan.advice.settings import choose_settings, is_contradicted
-from locplan.advice.trials import Outcome, Trial, compare_fix, confirm_fixes, select_fixes, try_fix
+from locplan.advice.trials import (
+    FixTrial,
+    RouteDrives,
+    compare_fix,
+    confirm_fixes,
+    select_fixes,
+    try_fix,
+)
 from locplan.advice.weak_spots import WeakSpot
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
@@ -48,45 +63,44 @@ from locplan.simulation.verdict import BETTER, DriveSet, RatePair, Verdict, comp
 FAILING = 16
 """Number of closed-loop drives along a route on which a drive fails, unless routes are long."""
 LONG, MIN_SHARE = 30.0, 1 / 3
-"""Mean length of routes from which on they are driven less often [m], and the least share of the
-drives that remains: a long route has more places at which drives fail."""
+"""Mean length of routes above which they have fewer drives [m], and the minimum share of drives.
+A long route has more places where drives fail."""
 LOSING, LOSING_LENGTH = 3, 100.0
 """Maximum number of routes for which other paths are tried, and their maximum length together [m]:
 a dozen candidates drive along each."""
 LONGEST_ROUTES = 400.0
-"""Length of all routes together up to which poles are tried [m]: three help on small sites."""
+"""Maximum total length of the routes for trying poles [m]: three poles help on small sites."""
 
 
 @dataclass(frozen=True)
-class Effort:
+class CheckEffort:
     """Amount of simulated drives."""
 
-    routes: int
+    max_routes: int
     """Maximum number of routes between places far apart."""
-    trial_drives: int
-    """Number of drives, along all routes together, that a fix has to lead after."""
-    drives: int
-    """Number of drives of the baseline, and of fixes that lead, on which they are judged."""
-    closed: int
+    n_trial_drives: int
+    """Number of drives, along all routes together, after which a fix must lead."""
+    n_drives: int
+    """Number of drives of the baseline and of each leading fix."""
+    n_closed: int
     """Number of closed-loop drives."""
-    choosing: int
-    """Maximum number of confirming drives of a path; 0 tries no other paths."""
-    landmarks: bool
+    n_confirming: int
+    """Maximum number of confirming drives of a path; 0 tries no paths."""
+    tries_landmarks: bool
     """True if landmarks are tried."""
-    all_levels: bool = False
-    """True if all settings are driven at all levels of disturbance, and not only until one is
-    chosen."""
+    drives_all_levels: bool = False
+    """True if all settings are simulated at all levels of disturbance, not only until one wins."""
 
 
 EFFORTS = {
-    "quick": Effort(4, 12, 32, 16, 0, False),
-    "usual": Effort(6, 24, 96, 48, 16, True),
-    "thorough": Effort(6, 48, 288, 96, 64, True, all_levels=True),
+    "quick": CheckEffort(4, 12, 32, 16, 0, False),
+    "usual": CheckEffort(6, 24, 96, 48, 16, True),
+    "thorough": CheckEffort(6, 48, 288, 96, 64, True, drives_all_levels=True),
 }
 
 
-class Baseline(NamedTuple):
-    """The drives of the robot and map as the user has them."""
+class BaselineDrives(NamedTuple):
+    """Drives of the robot on the map, both as the user has them."""
 
     rates: DriveRates
     """Rates of all drives."""
@@ -95,11 +109,12 @@ class Baseline(NamedTuple):
     spots: tuple[WeakSpot, ...]
     """The places where drives fail, and the other weak spots."""
     passage: Passage | None
-    """The place where robots fail with perfect localization, if most failed ones do."""
+    """The place where robots fail even with perfect localization, if most failures are of that
+    kind."""
 
 
 class FixTrials:
-    """The drives of one check.
+    """Runner of the drives of one check: baseline, fixes and their combination.
 
     Parameters
     ----------
@@ -107,8 +122,8 @@ class FixTrials:
         The site of the baseline.
     effort : Effort
         Amount of drives.
-    recorded : Recorded
-        What recorded drives show, over which settings are replayed.
+    evidence : Recorded
+        Evidence from recorded drives.
     seed : int
         Seed of all random numbers.
     threads : int or None
@@ -117,34 +132,36 @@ class FixTrials:
 
     def __init__(
         self,
-        site: Site,
-        effort: Effort,
-        recorded: RecordingEvidence,
+        scenario: Scenario,
+        effort: CheckEffort,
+        evidence: RecordingEvidence,
         seed: int,
         threads: int | None,
     ) -> None:
-        self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
+        self.scenario, self.effort, self.seed, self.threads = scenario, effort, seed, threads
         self.fixes_by_kind: dict[str, Fix] = {}
         self.preset_choice: PresetChoice | None = None
-        self._recorded = recorded
+        self._evidence = evidence
         self.recommended_kinds: tuple[str, ...] = ()
-        mean_length = sum(path.length for path in site.paths.values()) / len(site.paths)
+        mean_length = sum(path.length for path in scenario.paths.values()) / len(scenario.paths)
         share = min(1.0, max(MIN_SHARE, LONG / mean_length))
         n_trial, n_full, closed = (
-            math.ceil(number * share / len(site.paths))
-            for number in (effort.trial_drives, effort.drives, effort.closed)
+            math.ceil(number * share / len(scenario.paths))
+            for number in (effort.n_trial_drives, effort.n_drives, effort.n_closed)
         )
         self._failing = math.ceil(FAILING * share)
         # Fixes are chosen, judged, and what is recommended confirmed, on drives of their own.
         self._trial_numbers, self._numbers = range(CHOOSING, CHOOSING + n_trial), range(n_full)
         self._fresh = range(FRESH, FRESH + n_full)
         self._closed = closed
-        self._n_closed = dict.fromkeys(site.paths, closed)
-        self._drive = _fixes.make_site_runner(seed, threads)
+        self._n_closed = dict.fromkeys(scenario.paths, closed)
+        self._drive = _fixes.make_scenario_runner(seed, threads)
         self._arrivals: dict[str, dict[str, Arrivals]] = defaultdict(dict)
 
-    def drive_baseline(self, spots: Sequence[WeakSpot], progress: ProgressCallback) -> Baseline:
-        """Drive the routes as the user has them, and count the failed drives of each place.
+    def drive_baseline(
+        self, spots: Sequence[WeakSpot], progress: ProgressCallback
+    ) -> BaselineDrives:
+        """Simulate the baseline, and count the failed drives of each place.
 
         Parameters
         ----------
@@ -153,91 +170,95 @@ class FixTrials:
         progress : callable
             Called with (done, total).
         """
-        paths = self.site.paths
+        paths = self.scenario.paths
         n_drives = len(self._numbers) * len(paths)
         steps = split_progress(progress, [n_drives, n_drives])
-        self._before = outcome = self._drive(self.site, self._numbers, steps[0])
-        arrivals = self._drive_closed(self.site, self._n_closed)
+        self._before = outcome = self._drive(self.scenario, self._numbers, steps[0])
+        arrivals = self._drive_closed(self.scenario, self._n_closed)
         # A route with a failure is driven often enough to be ranked.
         for name, lost in zip(paths, outcome.lost, strict=True):
             if lost.any() or (name in arrivals and arrivals[name].failure_counts):
                 self._n_closed[name] = max(self._failing, self._n_closed[name])
-        arrivals = self._drive_closed(self.site, self._n_closed)
+        arrivals = self._drive_closed(self.scenario, self._n_closed)
         steps[1](n_drives, n_drives)
-        spots, failures = blame_spots(spots, paths, [*outcome.lost_at], arrivals)
+        spots, failures = attribute_failures(spots, paths, [*outcome.lost_at], arrivals)
         rates = compute_drive_rates(outcome, arrivals)
         routes = [
             RouteResult(name, path, _compute_route_rates(outcome, n, name, arrivals), *failures[n])
             for n, (name, path) in enumerate(paths.items())
         ]
         passage = None
-        if rates.fails_localized:
-            passage = find_passage(self.site.world, self.site.robot, paths, arrivals)
-        self._baseline = Baseline(rates, sort_routes(routes, rates), spots, passage)
+        if rates.fails_if_localized:
+            passage = find_passage(self.scenario.world, self.scenario.robot, paths, arrivals)
+        self._baseline = BaselineDrives(rates, sort_routes(routes, rates), spots, passage)
         return self._baseline
 
     def try_fixes(
         self,
-        reading: MapReading,
-        mended: OccupancyGrid,
+        correction: MapCorrection,
+        repaired_map: OccupancyGrid,
         costs: Costmap,
         field: CovarianceField,
         progress: ProgressCallback,
     ) -> Iterator[FixResult]:
-        """Try the fixes that suit, each as far as it leads; other paths and poles if none suffices.
+        """Yield the result of each applicable fix, cheap ones first.
+
+        Paths and poles are tried only if drives still get lost with the cheap fixes.
 
         Parameters
         ----------
         reading : Reading
             How the map's file should be read.
-        mended : OccupancyGrid
+        repaired_map : OccupancyGrid
             The repaired map for the filter.
         costs, field
-            The costmap and the field, for other paths.
+            The costmap and the field, for recommended paths.
         progress : callable
             Called with (done, total).
         """
         first, second = split_progress(progress, [200, 150])
-        fixes = [*_fixes.list_fixes(self.site, reading, mended)]
+        fixes = [*_fixes.list_fixes(self.scenario, correction, repaired_map)]
         rates, passage = self._baseline.rates, self._baseline.passage
-        is_localized = not rates.needs_fix and rates.error.value < LARGE
+        is_localized = not rates.needs_fix and rates.error.value < LARGE_ERROR
         if passage and is_localized:
             # No change of localization gets the robot through.
-            fixes = [fix for fix in fixes if fix.kind == WALLS]
-        if isinstance(self.site.robot.filter, Amcl) and (
-            self._recorded.replays or not (passage and is_localized)
+            fixes = [fix for fix in fixes if fix.kind == CORRECTED_MAP]
+        if isinstance(self.scenario.robot.filter, Amcl) and (
+            self._evidence.replays or not (passage and is_localized)
         ):
             self.preset_choice = self._choose_preset()
-            fixes += filter(None, [_fixes.preset_settings(self.preset_choice)])
+            fixes += filter(None, [_fixes.make_preset_fix(self.preset_choice)])
         results = []
         for fix, step in zip(fixes, split_progress(first, [1] * len(fixes)), strict=True):
             results.append(self._try_fix(fix))
             yield results[-1]
             step(1, 1)
-        if self.effort.choosing and self._is_still_lost(results):
+        if self.effort.n_confirming and self._is_still_lost(results):
             recommendations = self._recommend_paths(costs, field, second)
-            if other_paths := _fixes.propose_paths(self.site, recommendations, self._score):
+            if other_paths := _fixes.choose_paths_fix(
+                self.scenario, recommendations, self._score_scenario
+            ):
                 results.append(self._try_fix(other_paths))
                 yield results[-1]
-        length = sum(path.length for path in self.site.paths.values())
-        is_small = self.effort.landmarks and length <= LONGEST_ROUTES
+        length = sum(path.length for path in self.scenario.paths.values())
+        is_small = self.effort.tries_landmarks and length <= LONGEST_ROUTES
         if not is_small or is_rare(rates.lost) or not self._is_still_lost(results):
             return
-        if poles := _fixes.place_poles(self.site, self.threads):
+        if poles := _fixes.make_poles_fix(self.scenario, self.threads):
             yield self._try_fix(poles)
 
     def _choose_preset(self) -> PresetChoice:
-        """Choose AMCL's settings; at the usual level they have the drives of all fixes."""
+        """Choose AMCL's settings. At the usual level, reuse the numbers of the fixes' drives."""
 
         def drive_usual(amcl: Amcl, numbers: range) -> DriveSet:
-            return self._drive(_fixes.with_settings(self.site, amcl), numbers).drive_set
+            return self._drive(_fixes.with_settings(self.scenario, amcl), numbers).drive_set
 
         looks = [len(self._trial_numbers)] if len(self._trial_numbers) < len(self._numbers) else []
         return choose_settings(
-            self.site,
+            self.scenario,
             LevelCase(NO_FAULT.name, drive_usual, (*looks, len(self._numbers))),
-            self._recorded,
-            drives_all=self.effort.all_levels,
+            self._evidence,
+            drives_all=self.effort.drives_all_levels,
             seed=self.seed,
             threads=self.threads,
         )
@@ -245,10 +266,10 @@ class FixTrials:
     def _is_still_lost(self, results: Sequence[FixResult]) -> bool:
         """True if drives get lost with the best combination of fixes so far."""
         return not is_rare(
-            self._drive_together(self._select(results), self._numbers).drive_set.lost_rate
+            self._drive_together(self._select_fixes(results), self._numbers).drive_set.lost_rate
         )
 
-    def _select(self, results: Sequence[FixResult]) -> tuple[str, ...]:
+    def _select_fixes(self, results: Sequence[FixResult]) -> tuple[str, ...]:
         """Select the fixes that help together."""
         order = [
             result.kind
@@ -265,34 +286,36 @@ class FixTrials:
 
     @property
     def _certain_kinds(self) -> tuple[str, ...]:
-        return tuple(kind for kind, fix in self.fixes_by_kind.items() if fix.is_sure)
+        return tuple(kind for kind, fix in self.fixes_by_kind.items() if fix.is_certain)
 
-    def _score(self, site: Site) -> float:
-        before = self._drive(self.site, self._trial_numbers)
-        return compare_fix(before, self._drive(site, self._trial_numbers)).score
+    def _score_scenario(self, scenario: Scenario) -> float:
+        before = self._drive(self.scenario, self._trial_numbers)
+        return compare_fix(before, self._drive(scenario, self._trial_numbers)).score
 
     def _recommend_paths(
         self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
     ) -> dict[str, Recommendation]:
         """Return the recommended paths of the routes that lose most drives."""
-        site, recommendations = self.site, {}
-        losses = dict(zip(site.paths, self._before.lost.sum(axis=1), strict=True))
-        losing = [name for name, path in site.paths.items() if path.length <= LOSING_LENGTH]
+        scenario, recommendations = self.scenario, {}
+        losses = dict(zip(scenario.paths, self._before.lost.sum(axis=1), strict=True))
+        losing = [name for name, path in scenario.paths.items() if path.length <= LOSING_LENGTH]
         losing = sorted(filter(losses.get, losing), key=lambda name: -losses[name])[:LOSING]
-        lengths = np.cumsum([site.paths[name].length for name in losing])
+        lengths = np.cumsum([scenario.paths[name].length for name in losing])
         losing = losing[: int((lengths <= LOSING_LENGTH).sum())]
         for name, step in zip(losing, split_progress(progress, [100] * len(losing)), strict=True):
-            start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
+            start, goal = map(tuple, scenario.paths[name].xy[[0, -1]].tolist())
             recommendation = recommend_path(
-                site.world,
+                scenario.world,
                 start,
                 goal,
-                site.robot,
+                scenario.robot,
                 costs=costs,
                 settings=RecommendationSettings(
-                    drives=self.effort.choosing,
+                    drives=self.effort.n_confirming,
                     rival=None,
-                    filter_map=None if site.filter_map is site.world else site.filter_map,
+                    filter_map=None
+                    if scenario.filter_map is scenario.world
+                    else scenario.filter_map,
                 ),
                 seed=self.seed,
                 threads=self.threads,
@@ -302,26 +325,28 @@ class FixTrials:
         return recommendations
 
     def _try_fix(self, fix: Fix) -> FixResult:
-        """Drive with a fix, after a few drives no further if it does not lead."""
+        """Simulate drives with a fix, and stop early if it does not lead."""
         self.fixes_by_kind[fix.kind] = fix
-        site = fix.apply(self.site)
+        scenario = fix.apply(self.scenario)
         if fix.kind == SETTINGS:  # the choice of the preset has driven with it already
-            outcome = self._drive(site, self._numbers)
-            trial = Trial(compare_fix(self._before, outcome), outcome, False)
+            outcome = self._drive(scenario, self._numbers)
+            trial = FixTrial(compare_fix(self._before, outcome), outcome, False)
         else:
-            before_few = self._drive(self.site, self._trial_numbers)
+            before_few = self._drive(self.scenario, self._trial_numbers)
             baseline_drives = (self._trial_numbers, before_few), (self._numbers, self._before)
-            trial = try_fix(partial(self._drive, site), *baseline_drives)
+            trial = try_fix(partial(self._drive, scenario), *baseline_drives)
         # The closed loop is simulated only for fixes that may be recommended.
         is_candidate = trial.contrast.verdict.word == BETTER
-        return self._make_result(fix, site, trial, self._drive_closed(site) if is_candidate else {})
+        return self._make_result(
+            fix, scenario, trial, self._drive_closed(scenario) if is_candidate else {}
+        )
 
     def _make_result(
-        self, fix: Fix, site: Site, trial: Trial, arrivals: Mapping[str, Arrivals]
+        self, fix: Fix, scenario: Scenario, trial: FixTrial, arrivals: Mapping[str, Arrivals]
     ) -> FixResult:
         old, new = (
-            sum(p.length for p in compared_site.paths.values())
-            for compared_site in (self.site, site)
+            sum(p.length for p in compared_scenario.paths.values())
+            for compared_scenario in (self.scenario, scenario)
         )
         return FixResult(
             fix.kind,
@@ -332,14 +357,14 @@ class FixTrials:
             compute_drive_rates(trial.outcome, arrivals),
             trial.contrast.gain,
             trial.contrast.verdict.ratio,
-            (new - old) / len(site.paths),
-            trial.contrast.keeps_more,
+            (new - old) / len(scenario.paths),
+            trial.contrast.has_fewer_lost,
         )
 
-    def combine(
+    def combine_fixes(
         self, results: Sequence[FixResult], progress: ProgressCallback
     ) -> tuple[DriveRates, DriveRates, Verdict | None]:
-        """Combine the fixes that help, and confirm those that drives selected by fresh drives.
+        """Combine the fixes that help, and confirm the combination by fresh drives.
 
         Parameters
         ----------
@@ -354,7 +379,7 @@ class FixTrials:
             Rates of the drives without and with the fixes, and their verdict.
         """
         rates = self._baseline.rates
-        selected = self._select(results)
+        selected = self._select_fixes(results)
         if self._is_contradicted(selected):
             selected = self._certain_kinds
         if selected:
@@ -365,39 +390,41 @@ class FixTrials:
         progress(1, 1)
         if not self.recommended_kinds:
             return rates, rates, None
-        site = _fixes.apply_fixes(self.fixes_by_kind, self.recommended_kinds, self.site)
+        scenario = _fixes.apply_fixes(self.fixes_by_kind, self.recommended_kinds, self.scenario)
         before = compute_drive_rates(
-            combination.before, self._drive_closed(self.site, self._n_closed)
+            combination.before, self._drive_closed(self.scenario, self._n_closed)
         )
-        after = compute_drive_rates(combination.after, self._drive_closed(site))
+        after = compute_drive_rates(combination.after, self._drive_closed(scenario))
         verdict = compare_drives(combination.before.drive_set, combination.after.drive_set)
-        return before, after, _add_reached(verdict, before, after)
+        return before, after, _add_reached_rates(verdict, before, after)
 
     def _is_contradicted(self, kinds: tuple[str, ...]) -> bool:
-        """True if a recorded drive contradicts fixes of the filter's map or range."""
-        if not {REACH, MEND} & {*kinds}:
+        """True if a recorded drive contradicts a fix of the filter's map or range."""
+        if not {FULL_RANGE, REPAIRED_MAP} & {*kinds}:
             return False
-        fixed = _fixes.apply_fixes(self.fixes_by_kind, kinds, self.site)
-        return is_contradicted(self.site, fixed, self._recorded)
+        fixed = _fixes.apply_fixes(self.fixes_by_kind, kinds, self.scenario)
+        return is_contradicted(self.scenario, fixed, self._evidence)
 
-    def _drive_together(self, kinds: tuple[str, ...], numbers: range) -> Outcome:
-        return self._drive(_fixes.apply_fixes(self.fixes_by_kind, kinds, self.site), numbers)
+    def _drive_together(self, kinds: tuple[str, ...], numbers: range) -> RouteDrives:
+        return self._drive(_fixes.apply_fixes(self.fixes_by_kind, kinds, self.scenario), numbers)
 
     def _drive_closed(
-        self, site: Site, counts: Mapping[str, int] | None = None
+        self, scenario: Scenario, counts: Mapping[str, int] | None = None
     ) -> dict[str, Arrivals]:
-        """Drive each route in closed loop, so often that each has its count; keep the drives."""
-        route_arrivals = self._arrivals[site.digest]
+        """Drive each route in closed loop until it has its number of drives; cache the drives."""
+        route_arrivals = self._arrivals[scenario.digest]
         missing: dict[range, list[str]] = defaultdict(list)
-        for name in site.paths:
+        for name in scenario.paths:
             count = counts[name] if counts else self._closed
             missing[
                 range(len(route_arrivals[name].drives) if name in route_arrivals else 0, count)
             ].append(name)
         for numbers, names in missing.items():
             if numbers:
-                part = replace(site, paths={name: site.paths[name] for name in names})
-                new_arrivals = SiteRunner(part, self.seed, self.threads).drive_closed_loop(numbers)
+                part = replace(scenario, paths={name: scenario.paths[name] for name in names})
+                new_arrivals = ScenarioRunner(part, self.seed, self.threads).drive_closed_loop(
+                    numbers
+                )
                 for name, arrivals in zip(names, new_arrivals, strict=False):
                     earlier_drives = route_arrivals[name].drives if name in route_arrivals else ()
                     route_arrivals[name] = Arrivals((*earlier_drives, *arrivals.drives))
@@ -405,13 +432,13 @@ class FixTrials:
 
 
 def _compute_route_rates(
-    outcome: Outcome, row: int, name: str, arrivals: Mapping[str, Arrivals]
+    outcome: RouteDrives, row: int, name: str, arrivals: Mapping[str, Arrivals]
 ) -> DriveRates:
     closed = {name: arrivals[name]} if name in arrivals else {}
     return compute_drive_rates(outcome.select(slice(row, row + 1)), closed)
 
 
-def _add_reached(verdict: Verdict, before: DriveRates, after: DriveRates) -> Verdict:
+def _add_reached_rates(verdict: Verdict, before: DriveRates, after: DriveRates) -> Verdict:
     """Return a verdict with the rates of closed-loop drives that reach the goal."""
     if not before.n_closed:
         return verdict

@@ -9,17 +9,17 @@ from functools import partial
 from pathlib import Path as Folder
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.records import Column, Result, Table
 from locplan._support.saved import to_plain_data
 from locplan._support.tables import make_file_name, nan_to_none
-from locplan.advice.driving import Site
+from locplan.advice.driving import Scenario
 from locplan.advice.failures import Passage
-from locplan.advice.fixes import MEND, WALLS
-from locplan.advice.map_reading import MapReading
-from locplan.advice.preset_choice import PresetChoice, choice_values
+from locplan.advice.fixes import CORRECTED_MAP, REPAIRED_MAP
+from locplan.advice.map_reading import MapCorrection
+from locplan.advice.preset_choice import PresetChoice, summarize_choice
 from locplan.advice.rates import DriveRates, FixResult, RouteResult, is_better
-from locplan.advice.weak_spots import CLEAR, WeakSpot
+from locplan.advice.weak_spots import SCANS_FIT, WeakSpot
 from locplan.maps.files import MapSource
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFaults
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(Result):
-    """Failures of a robot on a map, and the fixes that help; made by `check`."""
+    """Result of `check`: failures of a robot on a map, and the fixes that help."""
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "check",
         (
             *("check.json", "check.png", "check.csv", "report.html", "nav2_params.yaml"),
@@ -57,8 +57,8 @@ class Check(Result):
     """The map."""
     faults: MapFaults
     """Its faults."""
-    degenerate: float
-    """Share of the free space where a scan fits at many poses, 0..1."""
+    degenerate_share: float
+    """Share of the free space that is degenerate (u of at least 0.5), 0..1."""
     spots: tuple[WeakSpot, ...]
     """Weak spots and other places where drives fail, first those where most do, and then those of
     the largest deviation x length x routes that pass."""
@@ -67,36 +67,36 @@ class Check(Result):
     baseline: DriveRates
     """All drives of the baseline."""
     passage: Passage | None
-    """The place where most robots fail that fail with perfect localization, too; None if no
-    robots, or few of those that miss the goal, do."""
+    """The place where most drives fail even with perfect localization; None if few or no failures
+    are of that kind."""
     fixes: tuple[FixResult, ...]
     """The fixes that were tried, the best first."""
     recommended: tuple[str, ...]
-    """Kinds of the fixes to do together; empty if there is nothing to do, or nothing helps."""
+    """Kinds of the recommended fixes; empty if there is nothing to do, or no fix helps."""
     before: DriveRates
     """Fresh drives of the baseline; `baseline` if nothing is recommended."""
     after: DriveRates
-    """The same drives with all that is recommended."""
-    confirmed: Verdict | None
+    """The same drives with all recommended fixes."""
+    confirmation: Verdict | None
     """Verdict of these fresh drives; None if nothing is recommended."""
-    recorded: tuple[str, ...]
-    """What recorded drives show, in sentences without a full stop."""
-    findings: tuple[str, ...]
-    """Those of `recorded` that report how the map fits, and what is wrong with a drive."""
+    recording_sentences: tuple[str, ...]
+    """Sentences about recorded drives, without a full stop."""
+    recording_findings: tuple[str, ...]
+    """The sentences of `recording_sentences` on the fit of the map and on faults of a drive."""
     preset_choice: PresetChoice | None
-    """The choice among the presets of AMCL's settings; None if none was tried."""
-    site: Site
-    """The site of the baseline."""
-    fixed_site: Site
-    """The site with all that is recommended."""
+    """The choice among the AMCL presets; None if no preset was tried."""
+    scenario: Scenario
+    """The scenario of the baseline."""
+    fixed_scenario: Scenario
+    """The scenario with all recommended fixes."""
     source: MapSource | None
-    """How the map was read; None where it was no file."""
-    reading: MapReading
-    """How the map's file should be read."""
+    """How the map was read; None if it was not a file."""
+    correction: MapCorrection
+    """Corrections of the map's file."""
     artifacts: Mapping[str, Any]
-    """What the files of recommended fixes are made of, by kind: landmarks, or a mask's costmap."""
-    assumed: bool
-    """Whether the lidar was assumed, since none was named."""
+    """Data for the files of recommended fixes, by kind: placed poles, or a mask's costmap."""
+    is_lidar_assumed: bool
+    """True if no lidar was named, so that the default was used."""
     effort: str
     """"quick", "usual" or "thorough"."""
     seed: int
@@ -108,8 +108,8 @@ class Check(Result):
 
     @property
     def is_fine(self) -> bool:
-        """True if drives fail so rarely that there is nothing to do."""
-        keeps_place = self.baseline.keeps_place
+        """True if drives fail so rarely that no fix is needed."""
+        keeps_place = self.baseline.is_reliable
         return keeps_place and not self.recommended and not self.passage
 
     @property
@@ -118,7 +118,7 @@ class Check(Result):
         return tuple(fix for kind in self.recommended for fix in self.fixes if fix.kind == kind)
 
     def table(self) -> Table:
-        """The fixes, a row each."""
+        """Return the table of the fixes, a row each."""
         share = partial(Column, digits=0, people="%", interval=True)
         columns = (
             Column("title", title="fix"),
@@ -138,14 +138,14 @@ class Check(Result):
         return Table.from_records(columns, self.fixes)
 
     def summary(self, *related: Any, **details: Any) -> dict[str, object]:
-        """Everything in numbers, fit for JSON.
+        """Return the result as plain data for JSON.
 
         Parameters
         ----------
         *related, **details
-            What `save` takes, of which it says nothing.
+            Arguments of `save`; ignored.
         """
-        from locplan.advice.next_step import next_action
+        from locplan.advice.next_step import choose_next_action
         from locplan.advice.text import problem_text
 
         shapes = ("outline", "holes")
@@ -169,10 +169,10 @@ class Check(Result):
         return nan_to_none(
             {
                 **self.faults.summary(),
-                "robot": self.site.robot.summary(),
+                "robot": self.scenario.robot.summary(),
                 "effort": self.effort,
                 "seed": self.seed,
-                "degenerate": self.degenerate,
+                "degenerate": self.degenerate_share,
                 "weak_spots": spots,
                 "routes": routes,
                 "baseline": to_plain_data(self.baseline),
@@ -181,22 +181,22 @@ class Check(Result):
                 "recommended": list(self.recommended),
                 "before": to_plain_data(self.before),
                 "after": to_plain_data(self.after),
-                "confirmed": self.confirmed and to_plain_data(self.confirmed),
-                "recorded": list(self.recorded),
-                "settings": self.preset_choice and choice_values(self.preset_choice),
-                "next": next_action(self, *related)._asdict(),
+                "confirmed": self.confirmation and to_plain_data(self.confirmation),
+                "recorded": list(self.recording_sentences),
+                "settings": self.preset_choice and summarize_choice(self.preset_choice),
+                "next": choose_next_action(self, *related)._asdict(),
             }
         )
 
     def list_written_files(
         self, params: Folder | str | Sequence[Folder] | None = ()
     ) -> dict[str, str]:
-        """The files of the recommended fixes, and what to do with each.
+        """Return the purpose of each file of the recommended fixes.
 
         Parameters
         ----------
         params : path or sequence of path, default ()
-            The user's parameters of Nav2, of which a copy is changed.
+            The user's Nav2 parameters; the check changes a copy.
         """
         from locplan.advice.files import describe_fix_files
 
@@ -204,9 +204,11 @@ class Check(Result):
 
     @property
     def changed_paths(self) -> Mapping[str, Path]:
-        """The paths that are other ones than the shortest, by the file's name."""
-        old = self.site.paths
-        new = {name: path for name, path in self.fixed_site.paths.items() if path is not old[name]}
+        """The recommended paths that differ from the shortest, by file name."""
+        old = self.scenario.paths
+        new = {
+            name: path for name, path in self.fixed_scenario.paths.items() if path is not old[name]
+        }
         return {f"{make_file_name(name)}.csv": path for name, path in new.items()}
 
     def save(self, folder: str | os.PathLike[str], *related: Any, force: bool = False) -> None:
@@ -217,10 +219,11 @@ class Check(Result):
         folder : path
             Folder of the results, which need not exist.
         *related
-            The folder that the commands name, by default this one, and the user's parameters of
-            Nav2, of which a copy is changed.
+            The folder that the printed commands name, by default this one, and the user's Nav2
+            parameters; the check changes a copy.
         force : bool, default False
-            True overwrites files of the same names and removes other results; other files stay.
+            True overwrites files of the same names and removes results of another command. It
+            keeps the user's files.
         """
         super().save(folder, *(related or (Folder(folder),)), force=force)
 
@@ -238,7 +241,7 @@ class Check(Result):
         Parameters
         ----------
         *_
-            What `save` takes, of which nothing is drawn.
+            Arguments of `save`; ignored.
         """
         from locplan.advice.figures import check_figure
 
@@ -252,7 +255,7 @@ class Check(Result):
         folder : path, optional
             The folder that its files are in.
         *related
-            The user's parameters of Nav2, of which a copy was changed.
+            The user's Nav2 parameters; the check changes a copy.
         """
         from locplan.advice.text import check_report
 
@@ -262,7 +265,7 @@ class Check(Result):
 def explain_spots(
     spots: Sequence[WeakSpot], faults: MapFaults, fixes: Sequence[FixResult]
 ) -> tuple[WeakSpot, ...]:
-    """Name the map's fault at places where scans fit, if a fix of the map is better.
+    """Return the spots, with the map's fault as their reason if scans fit and a map fix is better.
 
     Parameters
     ----------
@@ -271,9 +274,9 @@ def explain_spots(
     faults : MapFaults
         Faults of the map.
     fixes : sequence of FixResult
-        The fixes as they were driven.
+        The fixes that were tried.
     """
-    if not any(is_better(fix) for fix in fixes if fix.kind in (WALLS, MEND)):
+    if not any(is_better(fix) for fix in fixes if fix.kind in (CORRECTED_MAP, REPAIRED_MAP)):
         return tuple(spots)
     reason = f"the map is wrong ({', '.join(fault.kind for fault in faults) or 'its walls'})"
-    return tuple(replace(s, missing=reason) if s.missing == CLEAR else s for s in spots)
+    return tuple(replace(s, missing=reason) if s.missing == SCANS_FIT else s for s in spots)

@@ -1,4 +1,4 @@
-"""From a map and a robot to the failures and the fixes that help: `check`."""
+"""`check`: find the failures of a robot on a map, and the fixes that help."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import replace
 
 from locplan._support.checks import check_choice, check_integer, check_threads
 from locplan._support.progress import ProgressCallback, scale_progress, split_progress
-from locplan.advice import text as in_short
+from locplan.advice import text
 from locplan.advice.check_drives import EFFORTS, FixTrials
 from locplan.advice.check_result import Check, explain_spots
-from locplan.advice.driving import Site
+from locplan.advice.driving import Scenario
 from locplan.advice.fixes import apply_fixes
-from locplan.advice.map_reading import MapReading
+from locplan.advice.map_reading import MapCorrection
 from locplan.advice.rates import is_better, rank_fixes
 from locplan.advice.recorded import analyze_recordings
 from locplan.advice.routes import Stations, plan_routes
@@ -33,8 +33,8 @@ from locplan.robots.amcl import Amcl
 from locplan.robots.robot import Robot
 from locplan.simulation.worlds import check_filter_map
 
-SHARES = {"field": 200, "baseline": 150, "fixes": 450, "together": 200}
-"""Share of the work of each stage, in thousandths."""
+STAGE_SHARES = {"field": 200, "baseline": 150, "fixes": 450, "together": 200}
+"""Share of the total work of each stage, in thousandths."""
 
 
 def check(
@@ -47,18 +47,17 @@ def check(
     effort: str = "usual",
     seed: int = 1,
     threads: int | None = None,
-    found: Callable[[str], None] | None = None,
+    on_finding: Callable[[str], None] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Check:
-    """Find where a robot fails on a map, and the fixes that help, by simulated drives.
+    """Find the places where a robot fails on a map, and the fixes that help, by simulated drives.
 
-    `check` finds the map's faults and weak spots, and simulates the robot with its own filter
-    along routes, in open loop and in closed loop. It then simulates each applicable fix on the
-    same routes, in the same worlds: the corrected map file, the repaired map, other AMCL settings,
-    the lidar's full range, other paths or a mask, and landmarks if the robot is still lost. Fixes
-    are combined until neither lost drives nor the error fall further, and fresh drives alone
-    decide about the combination. If robots fail with perfect localization, too, the result names
-    the passage instead.
+    `check` finds the map's faults and weak spots, and simulates the robot with its filter along
+    routes, in open loop and in closed loop. It then simulates each applicable fix on the same
+    routes, in the same worlds: the corrected map file, the repaired map, AMCL presets, the lidar's
+    full range, recommended paths or a mask, and landmarks if the robot still gets lost. It combines
+    fixes until neither lost drives nor the error fall further. Fresh drives alone decide about the
+    combination. If robots fail even with perfect localization, the result names the passage.
 
     AMCL settings are the presets of `locplan.robots.presets`. Without a recording, a preset is
     recommended only if it does no significant harm at any level of disturbance, see
@@ -67,13 +66,13 @@ def check(
     Parameters
     ----------
     grid : OccupancyGrid, str or path
-        The map, or its file, whose thresholds and greys are then looked at, too.
+        The map, or its file; for a file, thresholds and grey levels are checked as well.
     robot : Robot, optional
-        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.load` reads.
+        The robot, for example from `Robot.load`. By default it has Nav2's filter and a lidar of
+        6 m that sees all round.
     stations : path, mapping or sequence, optional
-        Places between which the robot drives: a CSV file of name, x, y [m], or of queries;
-        positions by name; or (start, goal) pairs. By default places far apart in each room.
+        The places to drive between: a CSV file of name, x, y [m], or of queries; positions by
+        name; or (start, goal) pairs. By default places far apart in each room.
     recordings : sequence of Recording, default ()
         Recorded drives of the robot on this map, whose poses count as true, see
         `locplan.recordings.smoothing.with_ground_truth`. If the map fits, lidar and odometry err in
@@ -84,13 +83,13 @@ def check(
         Map of the robot's filter, such as a repaired one; by default the map itself. A corrected
         map file is then no fix.
     effort : {"quick", "usual", "thorough"}, default "usual"
-        Amount of drives: 32, and neither other paths nor landmarks; 96, which know the share of
-        lost drives to 10 points; or 288.
+        Number of drives: 32, without recommended paths and landmarks; 96, which measure the share
+        of lost drives to 10 points; or 288.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
-    found : callable, optional
+    on_finding : callable, optional
         Called with a sentence for each finding, as soon as it is known.
     progress : callable, optional
         Called with (done, total) in thousandths of the work.
@@ -124,48 +123,50 @@ def check(
     if isinstance(grid, str | os.PathLike):
         grid, source = read_map(grid)
     check_grid(grid)
-    site_filter_map = check_filter_map(filter_map, grid)
+    checked_filter_map = check_filter_map(filter_map, grid)
     assumed = robot is None or robot.lidar is None
-    robot, report_finding = equip_robot(robot), found or (lambda _: None)
-    stages = split_progress(progress, [*SHARES.values()])
+    robot, report_finding = equip_robot(robot), on_finding or (lambda _: None)
+    stages = split_progress(progress, [*STAGE_SHARES.values()])
     steps = {
         name: scale_progress(part, size)
-        for part, (name, size) in zip(stages, SHARES.items(), strict=True)
+        for part, (name, size) in zip(stages, STAGE_SHARES.items(), strict=True)
     }
     map_faults = faults(grid, source)
     map_faults.check_is_no_mask()
-    report_finding(in_short.format_faults(map_faults))
-    reading, paths = _read_map_and_plan_routes(
-        grid, source, robot, stations, EFFORTS[effort].routes, seed
+    report_finding(text.format_faults(map_faults))
+    correction, paths = _read_map_and_plan_routes(
+        grid, source, robot, stations, EFFORTS[effort].max_routes, seed
     )
-    drives = analyze_recordings(recordings, reading, map_faults, robot, filter_map, seed, threads)
+    drives = analyze_recordings(
+        recordings, correction, map_faults, robot, filter_map, seed, threads
+    )
     for sentence in drives.sentences:
         report_finding(sentence)
     for fault in drives.faults:
         if fault not in map_faults:
             report_finding(f"map: {fault.sentence}")
     if filter_map is not None:  # the filter does not read the map's file
-        reading = replace(reading, reasons=(), is_sure=False)
+        correction = replace(correction, reasons=(), is_certain=False)
     if drives.stretch != 1:
-        reading = reading.with_scale(drives.stretch)
-    site = Site(reading.grid, site_filter_map, drives.robot, paths, drives.stretch)
-    field, costs, spots = _compute_field_and_spots(site, threads, steps["field"])
-    report_finding(in_short.format_spots(spots))
-    trials = FixTrials(site, EFFORTS[effort], drives, seed, threads)
+        correction = correction.with_scale(drives.stretch)
+    scenario = Scenario(correction.grid, checked_filter_map, drives.robot, paths, drives.stretch)
+    field, costs, spots = _compute_field_and_spots(scenario, threads, steps["field"])
+    report_finding(text.format_spots(spots))
+    trials = FixTrials(scenario, EFFORTS[effort], drives, seed, threads)
     baseline = trials.drive_baseline(spots, steps["baseline"])
-    report_finding(in_short.format_baseline(baseline.rates))
+    report_finding(text.format_baseline(baseline.rates))
     results = []
     for result in trials.try_fixes(
-        reading, drives.faults.repaired_map, costs, field, steps["fixes"]
+        correction, drives.faults.repaired_map, costs, field, steps["fixes"]
     ):
         results.append(result)
         if is_better(result):
-            report_finding(in_short.format_fix(result, baseline.rates))
-    before, after, confirmed = trials.combine(results, steps["together"])
+            report_finding(text.format_fix(result, baseline.rates))
+    before, after, confirmed = trials.combine_fixes(results, steps["together"])
     return Check(
         grid=grid,
         faults=drives.faults,
-        degenerate=float((costs.u[site.world.free] >= 0.5).mean()),
+        degenerate_share=float((costs.u[scenario.world.free] >= 0.5).mean()),
         spots=explain_spots(baseline.spots, drives.faults, results),
         routes=baseline.routes,
         baseline=baseline.rates,
@@ -174,16 +175,16 @@ def check(
         recommended=trials.recommended_kinds,
         before=before,
         after=after,
-        confirmed=confirmed,
-        recorded=drives.sentences,
-        findings=drives.findings,
+        confirmation=confirmed,
+        recording_sentences=drives.sentences,
+        recording_findings=drives.findings,
         preset_choice=trials.preset_choice,
-        site=site,
-        fixed_site=apply_fixes(trials.fixes_by_kind, trials.recommended_kinds, site),
+        scenario=scenario,
+        fixed_scenario=apply_fixes(trials.fixes_by_kind, trials.recommended_kinds, scenario),
         source=source,
-        reading=reading,
+        correction=correction,
         artifacts={kind: trials.fixes_by_kind[kind].artifact for kind in trials.recommended_kinds},
-        assumed=assumed,
+        is_lidar_assumed=assumed,
         effort=effort,
         seed=seed,
     )
@@ -194,30 +195,32 @@ def _read_map_and_plan_routes(
     source: MapSource | None,
     robot: Robot,
     stations: Stations | None,
-    count: int,
+    max_routes: int,
     seed: int,
-) -> tuple[MapReading, dict[str, Path]]:
-    """How the map's file should be read, and the routes on it."""
-    reading = MapReading.from_source(grid, source)
+) -> tuple[MapCorrection, dict[str, Path]]:
+    """Return the corrections of the map's file, and the routes on the corrected map."""
+    correction = MapCorrection.from_source(grid, source)
     try:
-        return reading, plan_routes(Costmap.blank(reading.grid, robot=robot), stations, count, seed)
+        return correction, plan_routes(
+            Costmap.blank(correction.grid, robot=robot), stations, max_routes, seed
+        )
     except LocplanError:
-        if not reading.is_sure:
+        if not correction.is_certain:
             raise
-        # If the robot fits only into what should be unknown, the routes are there, and the
-        # corrected file is no fix: no route would be left on it.
-        routes = plan_routes(Costmap.blank(grid, robot=robot), stations, count, seed)
-        return MapReading(grid), routes
+        # The robot fits only into space that should be unknown. The corrected file is no fix: it
+        # would leave no route.
+        routes = plan_routes(Costmap.blank(grid, robot=robot), stations, max_routes, seed)
+        return MapCorrection(grid), routes
 
 
 def _compute_field_and_spots(
-    site: Site, threads: int | None, progress: ProgressCallback
+    scenario: Scenario, threads: int | None, progress: ProgressCallback
 ) -> tuple[CovarianceField, Costmap, tuple[WeakSpot, ...]]:
-    """The field, its costmap, and the weak spots."""
-    lidar = site.robot.known_lidar
+    """Return the field, its costmap, and the weak spots."""
+    lidar = scenario.robot.known_lidar
     config = FieldConfig(Fused(lidar), stride=COARSE_STRIDE)
-    field = load_or_compute(site.world, config, threads=threads, progress=progress)
-    costs = Costmap.from_field(field, robot=site.robot)
-    robot_filter = site.robot.filter
+    field = load_or_compute(scenario.world, config, threads=threads, progress=progress)
+    costs = Costmap.from_field(field, robot=scenario.robot)
+    robot_filter = scenario.robot.filter
     reach = robot_filter.reach(lidar) if isinstance(robot_filter, Amcl) else lidar.range
-    return field, costs, find_weak_spots(costs, field, reach, site.paths)
+    return field, costs, find_weak_spots(costs, field, reach, scenario.paths)

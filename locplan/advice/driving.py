@@ -11,7 +11,7 @@ import numpy as np
 
 from locplan._support.kernels.arrays import Floats
 from locplan._support.progress import ProgressCallback
-from locplan.advice.trials import Outcome
+from locplan.advice.trials import RouteDrives
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
@@ -22,11 +22,11 @@ from locplan.simulation.simulator import Simulator
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
-    """What is driven: the world, what the filter knows of it, the robot, and its paths."""
+class Scenario:
+    """A simulated situation: the world, the filter's map, the robot, and its paths."""
 
     world: OccupancyGrid
-    """The map that is driven in, of which each drive has a world of its own."""
+    """The map in which drives are simulated; each drive varies it."""
     filter_map: OccupancyGrid
     """The filter's map."""
     robot: Robot
@@ -34,11 +34,11 @@ class Site:
     paths: Mapping[str, Path]
     """The path of each route by its name."""
     stretch: float = 1.0
-    """Ratio of the world's lengths to those of the maps: not 1 where their resolution is wrong."""
+    """Ratio of the true lengths to the map's; not 1 if the map's resolution is wrong."""
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all that drives depend on but their seed."""
+        """Digest of everything that determines the drives, without the seed."""
         digest_parts = self.world.digest, self.filter_map.digest, self.robot.digest, self.stretch
         hasher = hashlib.sha256(repr(digest_parts).encode())
         for path in self.paths.values():
@@ -46,53 +46,55 @@ class Site:
         return hasher.hexdigest()
 
 
-class SiteRunner:
-    """Drives of one site by their numbers.
+class ScenarioRunner:
+    """Simulator of numbered drives in one scenario.
 
     Parameters
     ----------
     site : Site
-        What is driven.
+        The scenario.
     seed : int
         Seed of all random numbers.
     threads : int or None
         Number of threads.
     """
 
-    def __init__(self, site: Site, seed: int, threads: int | None) -> None:
-        self.site = site
-        filter_map = None if site.filter_map is site.world else site.filter_map
+    def __init__(self, scenario: Scenario, seed: int, threads: int | None) -> None:
+        self.scenario = scenario
+        filter_map = None if scenario.filter_map is scenario.world else scenario.filter_map
         self._simulator = Simulator(
-            site.world,
-            site.robot,
+            scenario.world,
+            scenario.robot,
             filter_map=filter_map,
             seed=seed,
             threads=threads,
-            stretch=site.stretch,
+            stretch=scenario.stretch,
         )
 
-    def __call__(self, numbers: range, progress: ProgressCallback | None = None) -> Outcome:
-        """Drive each route with the drives of some numbers."""
-        routes = drive_open(self._simulator, self.site.paths, numbers, progress=progress).values()
+    def __call__(self, numbers: range, progress: ProgressCallback | None = None) -> RouteDrives:
+        """Simulate the open-loop drives of these numbers along each route."""
+        routes = drive_open(
+            self._simulator, self.scenario.paths, numbers, progress=progress
+        ).values()
         log_error = [0.5 * np.log(drives.mean_squares + FLOOR) for drives in routes]
         lost_at = [_find_loss_distances(drives) for drives in routes]
         off_at_end = [drives.off_at_end for drives in routes]
         lost = ~np.isnan(lost_at)
-        return Outcome(np.array(log_error), lost, np.array(lost_at), np.array(off_at_end))
+        return RouteDrives(np.array(log_error), lost, np.array(lost_at), np.array(off_at_end))
 
     def drive_closed_loop(
         self, numbers: range, progress: ProgressCallback | None = None
     ) -> list[Arrivals]:
-        """Drive each route steered by the filter's pose; none in a world that is stretched."""
-        if self.site.stretch != 1:
+        """Simulate closed-loop drives along each route; none in a stretched world."""
+        if self.scenario.stretch != 1:
             return []
         arrivals_by_route = drive_closed(
-            self._simulator, self.site.paths, numbers, progress=progress
+            self._simulator, self.scenario.paths, numbers, progress=progress
         )
         return [*arrivals_by_route.values()]
 
 
 def _find_loss_distances(drives: Drives) -> Floats:
-    """Return the distance along the path where each drive is first lost, else NaN, (n,) [m]."""
+    """Return the distance along the path at which each drive gets lost, or NaN, (n,) [m]."""
     is_lost = drives.position_error > LOST
     return np.where(drives.lost, drives.distance[is_lost.argmax(axis=1)], np.nan)

@@ -1,4 +1,4 @@
-"""Places where the baseline's drives fail, and the weak spot or passage behind them."""
+"""Failure places of the baseline's drives, and their weak spot or passage."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan.advice.weak_spots import CLEAR, WeakSpot, are_inside, group_positions, sample_path
+from locplan.advice.weak_spots import SCANS_FIT, WeakSpot, are_inside, group_positions, sample_path
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.path import Path
@@ -31,25 +31,25 @@ LETTERS = ascii_uppercase[:6]
 """Letters of the worst places; further weak spots have none."""
 STOP_RADIUS = 2.0
 """Distance within which closed-loop drives stop at one place [m]."""
-STOPS = {
+STOP_TEXTS = {
     ELSEWHERE: "stop in the wrong place",
     ABORTED: "are aborted",
     TIMED_OUT: "run out of time",
-    FOLLOWER: "fail with perfect localization, too",
+    FOLLOWER: "fail even with perfect localization",
 }
-"""What closed-loop drives do at a place, by their outcome or fault."""
+"""Failure of closed-loop drives in words, by their outcome or fault."""
 
 
-def blame_spots(
+def attribute_failures(
     spots: Sequence[WeakSpot],
     paths: Mapping[str, Path],
     lost_at: Sequence[Floats],
     arrivals: Mapping[str, Arrivals],
-) -> tuple[tuple[WeakSpot, ...], list[Failures]]:
+) -> tuple[tuple[WeakSpot, ...], list[RouteFailures]]:
     """Find the places where drives fail, the worst first.
 
-    A drive is lost because of the spot that it left last, or else at a place of its own. Places
-    where at least two closed-loop drives stop instead of at the goal are spots, too.
+    A lost drive counts for the spot that it left last. Otherwise its position becomes a new spot.
+    Places where at least two closed-loop drives stop short of the goal are also spots.
 
     Parameters
     ----------
@@ -58,8 +58,7 @@ def blame_spots(
     paths : mapping of str to Path
         The routes by name.
     lost_at : sequence of (drives,) array
-        Distance along each route where each drive got lost [m]; NaN if it
-        never was.
+        Distance along each route where each drive got lost [m]; NaN if it did not.
     arrivals : mapping of str to Arrivals
         Closed-loop drives along each route; empty if none were simulated.
 
@@ -71,18 +70,20 @@ def blame_spots(
     lines = {name: sample_path(path) for name, path in paths.items()}
     wide = 0.08 * float(np.ptp(np.concatenate([*lines.values()]), axis=0).max())
     blames = [
-        _blame_route(spots, line, paths[name].length, at[np.isfinite(at)])
+        _attribute_losses(spots, line, paths[name].length, at[np.isfinite(at)])
         for (name, line), at in zip(lines.items(), lost_at, strict=True)
     ]
     loss_positions = [positions for _, positions in blames]
     owner, all_positions = (np.concatenate(parts) for parts in zip(*blames, strict=True))
-    places = [_place_losses(spot, all_positions[owner == n], wide) for n, spot in enumerate(spots)]
+    places = [
+        _move_spot_to_losses(spot, all_positions[owner == n], wide) for n, spot in enumerate(spots)
+    ]
     unowned = np.flatnonzero(owner < 0)
     for at, members in group_positions(all_positions[unowned], wide):
         owner[unowned[members]] = len(places)
         near = {name: np.linalg.norm(line - at, axis=1).min() for name, line in lines.items()}
         passing = tuple(name for name, distance in near.items() if distance <= wide)
-        places.append(_place_without_area(at, CLEAR, passing, lost=len(members)))
+        places.append(_make_spot_without_area(at, SCANS_FIT, passing, lost=len(members)))
     stops = _collect_stops(arrivals)
     stop_owner = np.full(len(stops), -1)
     for at, members in group_positions(
@@ -91,10 +92,10 @@ def blame_spots(
         if len(members) >= 2:
             stop_owner[members] = len(places)
             kinds = {stops[n].outcome for n in members}
-            stopping = STOPS[kinds.pop()] if len(kinds) == 1 else "stop instead of at the goal"
+            stopping = STOP_TEXTS[kinds.pop()] if len(kinds) == 1 else "stop instead of at the goal"
             passing = tuple(dict.fromkeys(stops[n].route for n in members))
             places.append(
-                _place_without_area(at, f"drives {stopping}", passing, stopped=len(members))
+                _make_spot_without_area(at, f"drives {stopping}", passing, stopped=len(members))
             )
     order = sorted(range(len(places)), key=lambda n: places[n].severity, reverse=True)
     letters = dict(zip(order, LETTERS, strict=False))
@@ -103,16 +104,16 @@ def blame_spots(
     for name, positions, owners in zip(paths, loss_positions, np.split(owner, ends), strict=True):
         numbers = [n for n, stop in enumerate(stops) if stop.route == name]
         stopped_at = np.array([stops[n].xy for n in numbers]).reshape(-1, 2)
-        near_to = [_main_letters(owned, letters) for owned in (owners, stop_owner[numbers])]
-        failures.append(Failures(near_to[0], positions, near_to[1], stopped_at))
+        near_to = [_list_main_letters(owned, letters) for owned in (owners, stop_owner[numbers])]
+        failures.append(RouteFailures(near_to[0], positions, near_to[1], stopped_at))
     return tuple(replace(places[n], letter=letters.get(n, "")) for n in order), failures
 
 
-class Failures(NamedTuple):
+class RouteFailures(NamedTuple):
     """Failures of the drives along one route."""
 
     lost_near: str
-    """Letters of the places that lose a quarter of its lost drives or more."""
+    """Letters of the places with a quarter of its lost drives or more."""
     lost_at: Floats
     """Positions where drives got lost, (n, 2) [m]."""
     stopped_near: str
@@ -121,7 +122,7 @@ class Failures(NamedTuple):
     """Positions where closed-loop drives stop instead of at the goal, (n, 2) [m]."""
 
 
-class _Stop(NamedTuple):
+class _DriveStop(NamedTuple):
     """The end of a closed-loop drive that does not reach the goal."""
 
     route: str
@@ -129,17 +130,17 @@ class _Stop(NamedTuple):
     xy: tuple[float, float]
 
 
-def _collect_stops(arrivals: Mapping[str, Arrivals]) -> list[_Stop]:
-    """Return the drives that stop wrongly, and not for want of a way in their world."""
+def _collect_stops(arrivals: Mapping[str, Arrivals]) -> list[_DriveStop]:
+    """Return the drives that miss the goal although their world has a way to it."""
     return [
-        _Stop(name, drive.fault or drive.outcome, drive.end[:2])
+        _DriveStop(name, drive.fault or drive.outcome, drive.end[:2])
         for name, drives in arrivals.items()
         for drive in drives.drives
         if drive.outcome != ARRIVED and drive.fault != WORLD
     ]
 
 
-def _place_without_area(
+def _make_spot_without_area(
     at: Floats, missing: str, routes: tuple[str, ...], *, lost: int = 0, stopped: int = 0
 ) -> WeakSpot:
     x, y = at.tolist()
@@ -160,17 +161,17 @@ def _place_without_area(
     )
 
 
-def _main_letters(owners: Ints, letters: Mapping[int, str]) -> str:
-    """Return the letters of the places that own a quarter of a route's drives or more."""
+def _list_main_letters(owners: Ints, letters: Mapping[int, str]) -> str:
+    """Return the letters of the places with at least a quarter of a route's failures."""
     counts = Counter[int](owners.tolist()).most_common()
     place_letters = [letters.get(n, "") for n, count in counts if count >= 0.25 * len(owners)]
     return ", ".join(filter(None, place_letters))
 
 
-def _blame_route(
+def _attribute_losses(
     spots: Sequence[WeakSpot], line: Floats, length: float, lost_at: Floats
 ) -> tuple[Ints, Floats]:
-    """Number of the spot that each lost drive of a route left last, else -1, and where it was."""
+    """Return the spot that each lost drive left last, or -1, and the position of its loss."""
     distance = np.linspace(0, length, len(line))
     since = lost_at[:, None] - distance
     # A robot drives up to 10 m from a spot until it is lost because of it.
@@ -182,22 +183,21 @@ def _blame_route(
     return owner, np.column_stack([np.interp(lost_at, distance, spot) for spot in line.T])
 
 
-def _place_losses(spot: WeakSpot, loss_positions: Floats, wide: float) -> WeakSpot:
-    """A spot with its lost drives, placed where most of those in it are."""
+def _move_spot_to_losses(spot: WeakSpot, loss_positions: Floats, wide: float) -> WeakSpot:
+    """Return a spot with its lost drives, moved to their densest place."""
     inner_positions = loss_positions[are_inside(spot, loss_positions)]
     at = group_positions(inner_positions, wide)[0][0] if len(inner_positions) else (spot.x, spot.y)
     return replace(spot, x=float(at[0]), y=float(at[1]), lost=len(loss_positions))
 
 
-SPARE = 0.3
-"""Room beside a robot up to which a passage counts as narrow, on both sides together [m]."""
+NARROW_ROOM = 0.3
+"""Maximum free width of a narrow passage beyond the robot's width [m]."""
 NEAR, REACH = 3.0, 3.0
-"""Distance from where robots end within which the passage lies, and greatest distance of a wall
-that bounds it [m]."""
+"""Maximum distance of the passage from the ends of the drives, and of its walls [m]."""
 
 
 class Passage(NamedTuple):
-    """The place where most robots fail that fail with perfect localization, too."""
+    """The place where most drives fail even with perfect localization."""
 
     x: float
     """World x of its narrowest point on the path [m]."""
@@ -208,20 +208,20 @@ class Passage(NamedTuple):
     robot_width: float
     """Width of the robot [m]."""
     n_drives: int
-    """Number of closed-loop drives that fail near it, with perfect localization, too."""
+    """Number of closed-loop drives that fail near it even with perfect localization."""
     routes: tuple[str, ...]
     """Names of their routes."""
 
     @property
     def is_narrow(self) -> bool:
         """True if the robot has little room in it."""
-        return self.width < self.robot_width + SPARE
+        return self.width < self.robot_width + NARROW_ROOM
 
 
 def find_passage(
     grid: OccupancyGrid, robot: Robot, paths: Mapping[str, Path], arrivals: Mapping[str, Arrivals]
 ) -> Passage | None:
-    """Find the place where most drives fail that fail with perfect localization, too.
+    """Find the place where most drives fail even with perfect localization.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from locplan._support.drawing import (
 )
 from locplan._support.kernels.arrays import Floats
 from locplan.advice.landmark_objects import place_outline
-from locplan.advice.landmarks import EXPECTED, PAYING_SHARE, Landmarks, Verification
+from locplan.advice.landmarks import EXPECTED_DEVIATION, PAYING_SHARE, Landmarks, Verification
 from locplan.advice.weak_spots import sample_path
 from locplan.maps.figures import (
     compute_drawing_size,
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 
 
 def tuning_figure(tuning: Tuning) -> Figure:
-    """Errors of the user's settings and of the presets, and drives off at the end, case by case.
+    """Draw errors and rates of the user's settings and of the presets, case by case.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
 def _draw_intervals(
     axes: Axes, at: NDArray[Any], intervals: Floats, mark: tuple[str, str], label: str
 ) -> None:
-    """Values with their intervals, rows of (value, low, high), as marks of one colour."""
+    """Draw values with their intervals, rows of (value, low, high), as marks of one colour."""
     value, low, high = intervals.T
     colour, marker = mark
     bars = np.maximum([np.nan_to_num(value - low), np.nan_to_num(high - value)], 0)
@@ -110,24 +110,15 @@ def _draw_intervals(
 
 
 FAILS, WORKS, WEAK, LETTER, MARK = "#d55e00", "#8a929c", "#e69f00", "#7a3b00", "#b00020"
-"""Colours of routes with a failure, of the others, of weak spots, of their letters, and of the
-places where drives got lost, or stopped instead of at the goal."""
+"""Colours of failing routes, of other routes, of weak spots, of their letters, and of the places
+where drives get lost or stop before the goal."""
 N_NAMED = 3
 """Maximum number of routes with a failure that have a label with its rate."""
 SIZE = 0.055
 """Size of a label, as a share of the longer side of what is drawn."""
 
 
-STOP_MARK: dict[str, Any] = {
-    "linestyle": "none",
-    "marker": "s",
-    "color": MARK,
-    "markeredgecolor": "white",
-    "markersize": 8,
-    "zorder": 4,
-}
-"""Mark of a place where a drive stops instead of at the goal."""
-STYLES = {
+LABEL_STYLES = {
     "spot": (LETTER, "white", "white"),
     "route": (FAILS, "white", "white"),
     "end": ("white", "#1b1f24", "#5b6470"),
@@ -135,21 +126,21 @@ STYLES = {
 """Colours of the face, the text and the edge of a label by its kind."""
 
 
-class Label(NamedTuple):
-    """A letter, the rate of failure of a route, or the name of an end of a route."""
+class MapLabel(NamedTuple):
+    """A label on the map: a spot's letter, a route's failure rate, or an end's name."""
 
     kind: str
     """"spot", "route" or "end"."""
     text: str
-    """What it says."""
+    """The text."""
     xy: tuple[float, float]
-    """The place that it names [m]."""
+    """The labelled position [m]."""
     at: tuple[float, float]
-    """Where it stands, beside others [m]."""
+    """Position of the label itself [m]."""
 
 
-def place_labels(check: Check, size: float) -> list[Label]:
-    """Labels none of which stands on another.
+def place_labels(check: Check, size: float) -> list[MapLabel]:
+    """Return labels that do not overlap.
 
     Parameters
     ----------
@@ -163,32 +154,32 @@ def place_labels(check: Check, size: float) -> list[Label]:
         for far in (0.0, 1.05, 1.6, 2.2, 3.0, 4.0)
         for turn in np.radians(range(90, 450, 30))
     ]
-    labels: list[Label] = []
-    marks: list[Label] = []
+    labels: list[MapLabel] = []
+    marks: list[MapLabel] = []
     for kind, text, place in _list_labels(check):
         # The mark of a failure stays visible.
         is_mark = kind == "failure"
-        marks += [Label("mark", "", place, place)] * is_mark
+        marks += [MapLabel("mark", "", place, place)] * is_mark
         free = (
             (place[0] + dx, place[1] + dy)
             for dx, dy in around[12 * is_mark :]
             if not any(
-                _overlap(text, (place[0] + dx, place[1] + dy), other, size)
+                _do_labels_overlap(text, (place[0] + dx, place[1] + dy), other, size)
                 for other in (*labels, *marks)
             )
         )
-        labels.append(Label("spot" if is_mark else kind, text, place, next(free, place)))
+        labels.append(MapLabel("spot" if is_mark else kind, text, place, next(free, place)))
     return labels
 
 
-def _overlap(text: str, at: tuple[float, float], other: Label, size: float) -> bool:
+def _do_labels_overlap(text: str, at: tuple[float, float], other: MapLabel, size: float) -> bool:
     (x, y), (left, low) = at, other.at
     wide = max(1.0, 0.2 * (len(text) + len(other.text)))
     return abs(x - left) < size * wide and abs(y - low) < size
 
 
 def _list_labels(check: Check) -> Iterator[tuple[str, str, tuple[float, float]]]:
-    """Kind, text and place of each label."""
+    """Yield kind, text and position of each label."""
     for spot in check.spots:
         if spot.letter:
             kind = "failure" if spot.lost + spot.stopped else "spot"
@@ -216,7 +207,7 @@ def failure_text(route: RouteResult) -> str:
 
 
 def crop_to_free(grid: OccupancyGrid) -> OccupancyGrid:
-    """The part of a map in which a robot can be, with its walls.
+    """Crop a map to its free cells and their walls.
 
     Parameters
     ----------
@@ -238,7 +229,7 @@ def check_figure(check: Check) -> Figure:
     check : Check
         The result of `locplan.check`.
     """
-    part = crop_to_free(check.site.world)
+    part = crop_to_free(check.scenario.world)
     figure = Picture(figsize=compute_figure_size(part), layout="constrained")
     axes = figure.subplots()
     draw_map(axes, part)
@@ -252,9 +243,17 @@ def check_figure(check: Check) -> Figure:
         width, colour = (3.2, FAILS) if fails else (1.4, WORKS)
         draw_path(axes, route.path, color=colour, linewidth=width, zorder=3 if fails else 2)
         axes.plot(*route.lost_at.T, "x", color=MARK, markersize=7, markeredgewidth=2, zorder=4)
-        axes.plot(*route.stopped_at.T, **STOP_MARK)
+        axes.plot(
+            *route.stopped_at.T,
+            linestyle="none",
+            marker="s",
+            color=MARK,
+            markeredgecolor="white",
+            markersize=8,
+            zorder=4,
+        )
     for label in place_labels(check, SIZE * max(part.shape) * part.resolution):
-        back, ink, edge = STYLES[label.kind]
+        back, ink, edge = LABEL_STYLES[label.kind]
         axes.plot(
             *zip(label.xy, label.at, strict=True), color=back if edge == "white" else edge, zorder=5
         )
@@ -269,14 +268,14 @@ def check_figure(check: Check) -> Figure:
             zorder=6,
             bbox={"boxstyle": "round,pad=.25", "fc": back, "ec": edge},
         )
-    text = caption(check)
+    text = caption_text(check)
     title = f"{check.grid.name or 'Map'}. {text[:1].upper()}{text[1:]}"
     axes.set_title(title, fontsize="small")
     return figure
 
 
-def caption(check: Check) -> str:
-    """Explain what is drawn.
+def caption_text(check: Check) -> str:
+    """Return the caption of the check's figure.
 
     Parameters
     ----------
@@ -291,7 +290,7 @@ def caption(check: Check) -> str:
     explained = [
         (True, "orange: routes on which drives fail" if fails else "no route fails"),
         (lost, "x: a drive gets lost"),
-        (stopped, "square: a drive stops instead of at the goal"),
+        (stopped, "square: a drive stops before the goal"),
         (bool(check.spots), "letters: weak spots (shaded)"),
     ]
     parts = [text for is_drawn, text in explained if is_drawn]
@@ -310,9 +309,9 @@ PLOT_HEIGHT, PLOT_WIDTH = 2.9, 4.6
 def _make_panels(
     grid: OccupancyGrid, title_lines: Sequence[str], plots: int
 ) -> tuple[Figure, Any, list[Axes], list[Axes]]:
-    """An empty figure, its part for two maps, these maps, and plots.
+    """Return an empty figure, its part for two maps, and the Axes of maps and plots.
 
-    The lines of its title, `title_lines`, are broken where they are too wide.
+    Too long lines of the title, `title_lines`, are wrapped.
     """
     wide, high = compute_drawing_size(grid)
     # Ratio of a map's height to its width up to which two maps stand above each other.
@@ -343,7 +342,7 @@ def _make_panels(
 
 
 def landmarks_figure(landmarks: Landmarks, verification: Verification | None = None) -> Figure:
-    """Maps before and after with the routes, the expected deviation, and the error on the way.
+    """Draw maps before and after, the expected deviation, and errors along the route.
 
     Parameters
     ----------
@@ -403,7 +402,7 @@ def _draw_maps(
 
 
 def _draw_numbers(axes: Axes, landmarks: Landmarks) -> None:
-    """Draw the landmarks' numbers beside them, away from the nearest route."""
+    """Draw the landmarks' numbers next to them, away from the nearest route."""
     from scipy.spatial import cKDTree
 
     routes = landmarks.setting.routes.values()
@@ -426,15 +425,15 @@ def _draw_gains(axes: Axes, landmarks: Landmarks) -> None:
         make_logarithmic(axes.yaxis)
     else:
         axes.set_ylim(0, 1.05 * float(landmarks.expected_deviations.max()) or 1.0)
-    if 0 < landmarks.paying < len(landmarks):
-        axes.axvline(landmarks.paying, color="0.6", linewidth=0.8)
+    if 0 < landmarks.n_paying < len(landmarks):
+        axes.axvline(landmarks.n_paying, color="0.6", linewidth=0.8)
         note = f"further ones: less\nthan {PAYING_SHARE:.0%} each"
         at = "data", "axes fraction"
         axes.annotate(
-            note, (landmarks.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8
+            note, (landmarks.n_paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8
         )
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="number of landmarks", ylabel=EXPECTED.heading)
+    axes.set(xlabel="number of landmarks", ylabel=EXPECTED_DEVIATION.heading)
 
 
 def _draw_route_errors(axes: Axes, verification: Verification) -> None:
@@ -450,9 +449,8 @@ def _draw_route_errors(axes: Axes, verification: Verification) -> None:
         axes.plot(profile[:, 0], profile[:, 4], line, color=colour, label=label)
     if axes.get_ylim()[1] > LOST / 2:
         axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
-        right: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 8}
         at = (1, LOST), (-5, -2), ("axes fraction", "data"), "offset points"
-        axes.annotate(OFF_SHORT, *at, **right)
+        axes.annotate(OFF_SHORT, *at, ha="right", va="top", fontsize=8)
     make_logarithmic(axes.yaxis)
     axes.set_ylim(bottom=max(style.MIN_ERROR / 2, axes.get_ylim()[0]))
     of_route = f" of {name}" if len(routes) > 1 else ""
@@ -469,7 +467,7 @@ def repair_figure(repaired_map: RepairedMap) -> Figure:
     Parameters
     ----------
     repaired_map : RepairedMap
-        What `locplan.repair` returned.
+        The result of `locplan.repair`.
     """
     width, height = compute_figure_size(repaired_map.grid)
     figure = Picture(figsize=(2 * width, height), layout="constrained")
@@ -477,7 +475,7 @@ def repair_figure(repaired_map: RepairedMap) -> Figure:
     titled_maps = {"as it is": repaired_map.grid, "for the filter": repaired_map.filter_map}
     for axes, (title, grid) in zip(pair, titled_maps.items(), strict=True):
         draw_map(axes, grid)
-        # All that is occupied is black here, which maps in other pictures show as a rim.
+        # Draw occupied cells in black; other figures draw only the rims of walls.
         levels = downsample(grid.cells) // 127
         draw_cells(axes, grid, levels, cmap=MAP_COLOURS, vmin=0, vmax=3)
         axes.set_title(f"{grid.name or 'map'} {title}", fontsize="medium")

@@ -1,4 +1,4 @@
-"""The files of the fixes of a check: maps, parameters, a mask, paths, and where poles go."""
+"""Files of a check's recommended fixes: maps, parameters, a mask, paths, and poles."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 from locplan._support.tables import write_rows
 from locplan.advice.check_result import Check
-from locplan.advice.fixes import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
+from locplan.advice.fixes import CORRECTED_MAP, FULL_RANGE, LANDMARKS, PATHS, REPAIRED_MAP, SETTINGS
 from locplan.export.nav2 import nav2_keepout
 from locplan.export.parameters import write_merged
 from locplan.export.servers import write_filter_map
@@ -21,36 +21,38 @@ Params: TypeAlias = Folder | str | Sequence[Folder] | None
 
 
 def describe_fix_files(check: Check, params: Params = ()) -> dict[str, str]:
-    """The files of the recommended fixes, and what to do with each; see `Check.written`."""
-    values, params = "put its lines under amcl in yours", as_files(params)
-    if {REACH, SETTINGS} & {*check.recommended} and has_amcl(params):
-        values = "your parameters, changed"
+    """Return the purpose of each file of the recommended fixes."""
+    values, params = "copy its lines into the amcl section of your parameters", as_files(params)
+    if {FULL_RANGE, SETTINGS} & {*check.recommended} and has_amcl(params):
+        values = "your parameters with the changes"
         if len(params) > 1:
             file_names = " and ".join(parameter_path.name for parameter_path in params)
-            values = f"{file_names} in one file, changed"
-    mask = {"mask/nav2.yaml": "parameters with the mask's; see mask/README.md for its planner"}
+            values = f"{file_names} merged, with the changes"
+    mask = {"mask/nav2.yaml": "parameters with the mask; mask/README.md explains its planner"}
     texts_by_kind = {
-        WALLS: {"map.yaml": f"the map for all of Nav2, with {check.reading.title}"},
-        MEND: {"map_amcl.yaml": "for AMCL alone: put amcl.yaml's line under amcl in yours"},
-        REACH: {"nav2_params.yaml": values},
+        CORRECTED_MAP: {"map.yaml": f"the corrected map for Nav2: {check.correction.title}"},
+        REPAIRED_MAP: {
+            "map_amcl.yaml": "for AMCL only: copy the line of amcl.yaml into your parameters"
+        },
+        FULL_RANGE: {"nav2_params.yaml": values},
         SETTINGS: {"nav2_params.yaml": values},
         PATHS: mask
         if check.artifacts.get(PATHS)
         else dict.fromkeys(check.changed_paths, "the path of a route, to follow or to export"),
-        LANDMARKS: {"landmarks.csv": "where each pole goes"},
+        LANDMARKS: {"landmarks.csv": "position of each pole"},
     }
     return {file: text for kind in check.recommended for file, text in texts_by_kind[kind].items()}
 
 
 def as_files(params: Params) -> list[Folder]:
-    """Return the parameter files, of which there may be one, several or none."""
+    """Return the parameter files as a list."""
     if isinstance(params, Folder | str):
         return [Folder(params)]
     return [*params] if params else []
 
 
 def has_amcl(params: Sequence[Folder]) -> bool:
-    """True if one of the user's parameter files is that of AMCL."""
+    """True if one of the parameter files has an amcl section."""
     return bool(read_parameters(*params).read_node_parameters("amcl"))
 
 
@@ -64,30 +66,33 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
     check : Check
         The check.
     params : path, sequence of path or None
-        The user's parameters of Nav2, of which a copy is changed: one file, since nav2_bringup
-        takes one.
+        The user's Nav2 parameters. Their merged copy is changed: nav2_bringup takes one file.
     """
-    kinds, reading, parameter_file = (
+    kinds, correction, parameter_file = (
         {*check.recommended},
-        check.reading,
+        check.correction,
         folder / "nav2_params.yaml",
     )
     params = base = as_files(params)
-    if kinds & {REACH, SETTINGS} and has_amcl(params):
+    if kinds & {FULL_RANGE, SETTINGS} and has_amcl(params):
         if len(params) > 1:
             write_merged(parameter_file, params)
             base = [parameter_file]
-        write_tuned(parameter_file, check.fixed_site.robot.amcl, base[0])
+        write_tuned(parameter_file, check.fixed_scenario.robot.amcl, base[0])
         base = [parameter_file]
-    elif kinds & {REACH, SETTINGS}:
-        write_tuned(parameter_file, check.fixed_site.robot.amcl)
-    if WALLS in kinds and check.source:
-        (folder / "map.yaml").write_text(corrected_yaml(check.source, reading.lengths), "utf-8")
-    elif WALLS in kinds:
-        save_map(reading.in_metres(reading.grid), folder / "map.yaml")
-    if MEND in kinds:
-        filter_map = check.fixed_site.filter_map
-        write_filter_map(folder, reading.in_metres(filter_map) if WALLS in kinds else filter_map)
+    elif kinds & {FULL_RANGE, SETTINGS}:
+        write_tuned(parameter_file, check.fixed_scenario.robot.amcl)
+    if CORRECTED_MAP in kinds and check.source:
+        (folder / "map.yaml").write_text(
+            corrected_yaml(check.source, correction.corrected_lengths), "utf-8"
+        )
+    elif CORRECTED_MAP in kinds:
+        save_map(correction.rescale(correction.grid), folder / "map.yaml")
+    if REPAIRED_MAP in kinds:
+        filter_map = check.fixed_scenario.filter_map
+        write_filter_map(
+            folder, correction.rescale(filter_map) if CORRECTED_MAP in kinds else filter_map
+        )
     if LANDMARKS in kinds:
         placed = check.artifacts[LANDMARKS]
         write_rows(folder / "landmarks.csv", ("x", "y"), placed.poses[:, :2].tolist())

@@ -1,4 +1,4 @@
-"""The objects that serve as landmarks: their shape, and the cells of a map that they fill."""
+"""Objects that serve as landmarks: their shape, and the cells that they fill."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from locplan._support.checks import (
     Settings,
     check_number,
     check_positive,
-    set_frozen_fields,
     short_repr,
 )
 from locplan._support.kernels.arrays import Floats, Ints
@@ -25,23 +24,23 @@ from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
 
 
-class Shape(NamedTuple):
-    """A shape in numbers, as the kernels take it: a disc, or a rectangle."""
+class ObjectShape(NamedTuple):
+    """The shape of an object: a disc or a rectangle."""
 
     half_length: float
     """Half the extent along the heading, or the radius [m]."""
     half_width: float
     """Half the extent across the heading, or the radius [m]."""
     is_round: bool
-    """Whether it is a disc."""
+    """True for a disc."""
 
     @property
     def reach(self) -> float:
         """Maximum distance of a point of the shape from its centre [m]."""
         return self.half_length if self.is_round else math.hypot(self.half_length, self.half_width)
 
-    def distance(self, x: Any, y: Any, heading: float = 0.0) -> Floats:
-        """Distance from points to a shape at the origin; 0 within it [m].
+    def compute_distance(self, x: Any, y: Any, heading: float = 0.0) -> Floats:
+        """Return the distance from points to a shape at the origin; 0 inside [m].
 
         Parameters
         ----------
@@ -57,10 +56,10 @@ class Shape(NamedTuple):
         across = np.abs(cos * y - sin * x) - self.half_width
         return np.asarray(np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)))
 
-    def distances(
+    def compute_window_distances(
         self, grid: OccupancyGrid, pose: Floats, around: float
     ) -> tuple[tuple[slice, slice], Floats]:
-        """A window of a map around a shape, and the distances of its cells' centres [m].
+        """Return the window of a map around a shape, and the distances of its cell centres [m].
 
         Parameters
         ----------
@@ -76,7 +75,7 @@ class Shape(NamedTuple):
         rows, cols = window = find_window(row, col, reach, grid.shape)
         y = (np.arange(rows.start, rows.stop)[:, None] + 0.5 - row) * grid.resolution
         x = (np.arange(cols.start, cols.stop) + 0.5 - col) * grid.resolution
-        return window, self.distance(x, y, heading)
+        return window, self.compute_distance(x, y, heading)
 
 
 class LandmarkObject(Settings):
@@ -86,7 +85,8 @@ class LandmarkObject(Settings):
     """Its kind in files and on the command line."""
 
     def __post_init__(self) -> None:
-        set_frozen_fields(self, **{name: _size(name, size) for name, size in vars(self).items()})
+        for name, size in vars(self).items():
+            object.__setattr__(self, name, _check_size(name, size))
 
     @property
     def _sizes(self) -> tuple[float, ...]:
@@ -98,10 +98,10 @@ class LandmarkObject(Settings):
         return f"{self.word} of {' x '.join(f'{size:g}' for size in self._sizes)} m"
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> ObjectShape:
         """The outline as the kernels take it."""
         sizes = self._sizes
-        return Shape(sizes[0] / 2, sizes[-1] / 2, is_round=len(sizes) == 1)
+        return ObjectShape(sizes[0] / 2, sizes[-1] / 2, is_round=len(sizes) == 1)
 
 
 @dataclass(frozen=True, repr=False)
@@ -141,7 +141,7 @@ class Box(LandmarkObject):
 
     word: ClassVar[str] = "box"
     length: float = 0.6
-    """Extent along its heading, which is the wall's where it stands at one, at most 100 [m]."""
+    """Extent along its heading (at a wall, the wall's direction), at most 100 [m]."""
     width: float = 0.3
     """Extent across its heading, at most 100 [m]."""
 
@@ -153,7 +153,7 @@ def check_object(kind: object) -> None:
 
 
 def parse_object(text: str) -> LandmarkObject:
-    """The object in a text such as pole:0.2 or box:0.6,0.3.
+    """Parse an object such as pole:0.2 or box:0.6,0.3.
 
     Parameters
     ----------
@@ -168,11 +168,11 @@ def parse_object(text: str) -> LandmarkObject:
     Raises
     ------
     ConfigError
-        If the text names none.
+        If the text is not an object.
 
     Examples
     --------
-    >>> parsed_object("box:0.6,0.3").title
+    >>> parse_object("box:0.6,0.3").title
     'box of 0.6 x 0.3 m'
     """
     word, _, sizes = text.partition(":")
@@ -188,10 +188,10 @@ def parse_object(text: str) -> LandmarkObject:
 
 
 def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]) -> OccupancyGrid:
-    """Copy of a map with equal objects in it.
+    """Return a copy of a map with equal objects in it.
 
-    An object fills the cells whose centre lies within it. Where it is narrower than two cells, it
-    also fills those that its outline meets, so that a thin board neither vanishes nor has gaps.
+    An object fills the cells whose centre lies inside. An object narrower than two cells also fills
+    the cells that its outline crosses, so that a thin board neither vanishes nor has gaps.
 
     Parameters
     ----------
@@ -200,8 +200,8 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
     kind : Pole or Box
         The object.
     poses : iterable of (x, y) or (x, y, heading)
-        Centres in the world, and headings counter-clockwise from the x axis [m, m, rad]. What lies
-        outside the map is left out.
+        Centres in the world, and headings counter-clockwise from the x axis [m, m, rad]. Parts
+        outside the map are ignored.
 
     Returns
     -------
@@ -211,7 +211,7 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
     Raises
     ------
     ConfigError
-        If the object or a pose is none.
+        If the object or a pose is not valid.
 
     Examples
     --------
@@ -236,7 +236,7 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
 def find_covered_cells(
     grid: OccupancyGrid, kind: LandmarkObject, pose: Floats
 ) -> tuple[Ints, Ints]:
-    """Rows and columns of the cells of a map that an object fills, as `with_objects` says.
+    """Return rows and columns of the cells that an object fills, see `with_objects`.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def find_covered_cells(
 
 
 def parse_object_poses(poses: Iterable[Any]) -> Floats:
-    """Poses (x, y) or (x, y, heading) as an array (n, 3) [m, m, rad]."""
+    """Return poses (x, y) or (x, y, heading) as an array (n, 3) [m, m, rad]."""
     rows = []
     for pose in poses:
         try:
@@ -267,17 +267,17 @@ def parse_object_poses(poses: Iterable[Any]) -> Floats:
 
 
 def map_poses_from_world(grid: OccupancyGrid, poses: Floats) -> Floats:
-    """Poses in the world as (row, col, heading) on the map [cells, cells, rad]."""
+    """Return poses in the world as (row, col, heading) on the map [cells, cells, rad]."""
     rows, cols = grid.world_to_grid(poses[:, 0], poses[:, 1])
     return np.column_stack([rows, cols, poses[:, 2] - grid.origin[2]])
 
 
-def find_filled_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints, Ints]:
-    """Rows and columns of the cells of a map that a shape fills; see `with_objects`.
+def find_filled_cells(grid: OccupancyGrid, shape: ObjectShape, pose: Floats) -> tuple[Ints, Ints]:
+    """Return rows and columns of the cells that a shape fills, see `with_objects`.
 
-    The position is continuous [cells], the heading from the columns' axis towards that of the rows.
+    `pose` is (row, col, heading) on the map, its heading from the columns' to the rows' axis.
     """
-    (rows, cols), distances = shape.distances(grid, pose, 0.0)
+    (rows, cols), distances = shape.compute_window_distances(grid, pose, 0.0)
     filled, resolution = distances <= 1e-9, grid.resolution
     # Width of an object up to which the cells that its outline meets are filled, too [cells].
     if 2 * min(shape.half_length, shape.half_width) < 2.0 * resolution:
@@ -290,8 +290,8 @@ def find_filled_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[
     return filled_rows + rows.start, filled_cols + cols.start
 
 
-def place_outline(shape: Shape, pose: Floats, around: int = 24) -> Floats:
-    """Corners of a shape at a pose (x, y, heading), or points around a round one, (n, 2) [m]."""
+def place_outline(shape: ObjectShape, pose: Floats, around: int = 24) -> Floats:
+    """Return the corners of a shape at a pose, or points around a disc, (n, 2) [m]."""
     if shape.is_round:
         angle = np.linspace(0, 2 * math.pi, around, endpoint=False)
         return pose[:2] + shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -301,8 +301,8 @@ def place_outline(shape: Shape, pose: Floats, around: int = 24) -> Floats:
     return np.asarray(pose[:2] + corners @ np.array([(cos, sin), (-sin, cos)]))
 
 
-def _sample_outline(shape: Shape, heading: float, step: float) -> Floats:
-    """Points x, y along the outline of a shape at the origin, at most `step` apart [m]."""
+def _sample_outline(shape: ObjectShape, heading: float, step: float) -> Floats:
+    """Return points along the outline of a shape at the origin, at most `step` apart [m]."""
     origin = np.array([0.0, 0.0, heading])
     if shape.is_round:
         return place_outline(shape, origin, math.ceil(2 * math.pi * shape.half_length / step))
@@ -316,6 +316,6 @@ def _sample_outline(shape: Shape, heading: float, step: float) -> Floats:
     return np.concatenate(sides)
 
 
-def _size(name: str, value: object) -> float:
+def _check_size(name: str, value: object) -> float:
     # Greatest length of an object [m].
     return check_number(name, check_positive(name, value, "m"), 0.0, 100.0)

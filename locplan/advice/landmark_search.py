@@ -1,4 +1,4 @@
-"""The greedy search for landmarks, and the places where an object may stand."""
+"""Greedy search for landmarks among the allowed places."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ import numpy as np
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.poses import compute_travel_distances
 from locplan._support.progress import ProgressCallback
-from locplan.advice.landmark_objects import Shape, find_filled_cells, place_outline
-from locplan.advice.landmark_sight import Sight
+from locplan.advice.landmark_objects import ObjectShape, find_filled_cells, place_outline
+from locplan.advice.landmark_sight import RouteSight
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import UNKNOWN
 from locplan.planning.path import Path
 
-AROUND = 3.0
-"""Distance from an object within which the robot must get from one side to the other [m]."""
+PASSAGE_RADIUS = 3.0
+"""Radius around an object within which the robot must find a way past it [m]."""
 
 Pose = Floats
 """Row, column and heading on the map, (3,) [cells, cells, rad]."""
 
 
-class Passages:
-    """The space where the centre of a robot can be, beside the objects that were placed.
+class RobotSpace:
+    """Free space for the centre of a robot between the placed objects.
 
-    A passage is cut if what was joined within `AROUND` of an object no longer is: for the
-    robot alone, since it may have to pass a narrow door, or for the robot with a clearance.
+    An object cuts a passage if it disconnects space within `PASSAGE_RADIUS`: for the robot alone,
+    since it may have to pass a narrow door, or for the robot with a clearance.
 
     Parameters
     ----------
@@ -39,43 +39,45 @@ class Passages:
     shape : Shape
         Outline of the objects.
     robot_radius, clearance : float
-        Radius of the robot, and the distance that it keeps besides [m].
+        Radius of the robot, and its additional clearance [m].
     """
 
     def __init__(
-        self, grid: OccupancyGrid, shape: Shape, robot_radius: float, clearance: float
+        self, grid: OccupancyGrid, shape: ObjectShape, robot_radius: float, clearance: float
     ) -> None:
         self.grid, self.shape = grid, shape
-        self.open = {
+        self.free_by_radius = {
             radius: grid.free & ~grid.cells_near_walls(radius - 1e-9)
             for radius in sorted({robot_radius, robot_radius + clearance})
         }
 
-    def place(self, pose: Pose) -> None:
-        """Close the space around an object that stands from now on."""
-        for radius, space in self.open.items():
-            window, distances = self.shape.distances(self.grid, pose, radius)
+    def close_around(self, pose: Pose) -> None:
+        """Close the space around a newly placed object."""
+        for radius, space in self.free_by_radius.items():
+            window, distances = self.shape.compute_window_distances(self.grid, pose, radius)
             space[window] &= distances >= radius - 1e-9
 
-    def copy(self) -> Passages:
-        """Copy in which other objects can be placed."""
+    def copy(self) -> RobotSpace:
+        """Return a copy for further objects."""
         other = copy.copy(self)
-        other.open = {radius: space.copy() for radius, space in self.open.items()}
+        other.free_by_radius = {
+            radius: space.copy() for radius, space in self.free_by_radius.items()
+        }
         return other
 
-    def cuts(self, pose: Pose) -> bool:
-        """Whether an object at a pose would cut a passage."""
+    def is_cut_by(self, pose: Pose) -> bool:
+        """True if an object at a pose would cut a passage."""
         return any(
-            self._cuts(radius, pose, 2 * self.grid.resolution)
-            and self._cuts(radius, pose, AROUND)  # the narrow look settles nearly all
-            for radius in self.open
+            self._is_cut_by(radius, pose, 2 * self.grid.resolution)
+            and self._is_cut_by(radius, pose, PASSAGE_RADIUS)  # the small window decides most cases
+            for radius in self.free_by_radius
         )
 
-    def _cuts(self, radius: float, pose: Pose, around: float) -> bool:
+    def _is_cut_by(self, radius: float, pose: Pose, around: float) -> bool:
         import cv2
 
-        window, distances = self.shape.distances(self.grid, pose, radius + around)
-        before = self.open[radius][window]
+        window, distances = self.shape.compute_window_distances(self.grid, pose, radius + around)
+        before = self.free_by_radius[radius][window]
         after = before & (distances >= radius - 1e-9)
         if (after == before).all():
             return False
@@ -83,7 +85,7 @@ class Passages:
             after.astype("u1"), connectivity=4
         )
         # Area of free space that may be closed off, since it is no passage [m^2].
-        min_cells = 0.25 / self.grid.resolution**2 if around >= AROUND else 0
+        min_cells = 0.25 / self.grid.resolution**2 if around >= PASSAGE_RADIUS else 0
         large = np.flatnonzero(statistics[:, cv2.CC_STAT_AREA] >= min_cells)
         large = large[large > 0]
         if large.size < 2:
@@ -104,18 +106,18 @@ CLEARANCE = 0.2
 """Distance that routes and passages keep from the objects, added to the robot's radius [m]."""
 
 
-def count_reasons(reasons: Iterable[str]) -> str:
-    """How many places were refused for which reason."""
+def format_reason_counts(reasons: Iterable[str]) -> str:
+    """Return the number of refused places by reason, as text."""
     counts = Counter(reasons).items()
     return ", ".join(f"{reason} ({count})" for reason, count in counts) or "there are no places"
 
 
 def list_candidate_places(
-    grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float
+    grid: OccupancyGrid, shape: ObjectShape, routes: Iterable[Path], keep: float
 ) -> Floats:
     """Return poses of an object along walls and free-standing, not yet checked, (n, 3).
 
-    Along walls it is turned as the wall is; a long object that stands free is tried both ways.
+    Objects along walls are aligned with the wall; long free-standing objects have two headings.
     """
     return np.concatenate(
         [
@@ -126,8 +128,8 @@ def list_candidate_places(
     )
 
 
-def _place_along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
-    """Poses every `SPACING` [m] along the walls, at least `WALL_GAP` clear of them."""
+def _place_along_walls(grid: OccupancyGrid, shape: ObjectShape) -> Floats:
+    """Return poses every `SPACING` [m] along the walls, at least `WALL_GAP` from them."""
     import cv2
 
     resolution = grid.resolution
@@ -160,8 +162,8 @@ def _place_along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
     return np.concatenate(pose_lists)
 
 
-def _place_free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
-    """Poses on a lattice of a metre, where the clearance is above 1.2 m."""
+def _place_free_standing(grid: OccupancyGrid, shape: ObjectShape) -> Floats:
+    """Return poses on a lattice of 1 m with a clearance above 1.2 m."""
     # Spacing of free-standing candidates [m].
     step = 1.0 / grid.resolution
     rows, cols = (np.arange(step / 2, size, step) for size in grid.shape)
@@ -172,7 +174,7 @@ def _place_free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
 
 
 def _select_open_poses(grid: OccupancyGrid, poses: Floats) -> Floats:
-    """Those of some poses where the clearance is above 1.2 m."""
+    """Select the poses with a clearance above 1.2 m."""
     rows, cols = np.floor(poses[:, :2]).astype(int).T
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
     poses, at = poses[inside], (rows[inside], cols[inside])
@@ -181,12 +183,12 @@ def _select_open_poses(grid: OccupancyGrid, poses: Floats) -> Floats:
 
 
 def _place_beside_routes(
-    grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float
+    grid: OccupancyGrid, shape: ObjectShape, routes: Iterable[Path], keep: float
 ) -> Floats:
-    """Poses every `SPACING` [m] on both sides of routes through the open, as near as allowed.
+    """Return poses every `SPACING` [m] on both sides of routes, as near as allowed.
 
-    Near objects help a filter most whose heading is uncertain. They are turned as the route is,
-    long ones also across it, and have the clearance of `free_standing`.
+    Near objects help most if the heading is uncertain. They are aligned with the route; long
+    objects are also tried across it. The clearance is above 1.2 m.
     """
     long = shape.half_length != shape.half_width
     pose_lists = [np.empty((0, 3))]
@@ -210,12 +212,12 @@ def _place_beside_routes(
 def find_refusals(
     places: Floats,
     grid: OccupancyGrid,
-    passages: Passages,
+    robot_space: RobotSpace,
     routes: Floats,
     keep: float,
     closed: Bools,
 ) -> list[str]:
-    """Why an object may not stand at each place on the map, or "" where it may.
+    """Return the reason against an object at each place, or "" if it is allowed.
 
     Parameters
     ----------
@@ -223,8 +225,8 @@ def find_refusals(
         Row, column and heading [cells, cells, rad].
     grid : OccupancyGrid
         The map without objects.
-    passages : Passages
-        Space of the robot beside such objects.
+    robot_space : RobotSpace
+        Space of the robot next to such objects.
     routes : (m, 2) array
         Row and column of positions along the routes [cells]; objects are `keep` [m] away.
     keep : float
@@ -234,7 +236,7 @@ def find_refusals(
     """
     from scipy.spatial import cKDTree
 
-    shape, resolution = passages.shape, grid.resolution
+    shape, resolution = robot_space.shape, grid.resolution
     is_taken = grid.clearance < WALL_GAP + resolution / 2 - 1e-9
     unknown, tree = grid.cells == UNKNOWN, cKDTree(routes)
 
@@ -245,29 +247,29 @@ def find_refusals(
         reach = np.abs(corners[:, ::-1]).max(axis=0) - 1e-6
         is_outside = (pose[:2] < reach) | (pose[:2] > grid.shape - reach)
         if is_outside.any() or unknown[cells].any():
-            return "reaches beyond the map or into what is unknown"
+            return "reaches beyond the map or into unknown space"
         if is_taken[cells].any():
             return "less than 5 cm from a wall or another object"
         if closed[cells].any():
             return "in a no-go zone"
         near = tree.query_ball_point((row, col), (shape.reach + keep) / resolution)
         y, x = (routes[near] - (row, col)).T * resolution
-        if (shape.distance(x, y, heading) < keep).any():
+        if (shape.compute_distance(x, y, heading) < keep).any():
             return "in the way of a route"
-        return "cuts a passage for the robot" if passages.cuts(pose) else ""
+        return "cuts a passage for the robot" if robot_space.is_cut_by(pose) else ""
 
     return [reason(pose) for pose in places]
 
 
-def is_too_close(shape: Shape, pose: Floats, other_poses: Floats, resolution: float) -> bool:
-    """Whether an object would stand closer than `OBJECT_GAP` to another one [cells, cells, rad]."""
+def is_too_close(shape: ObjectShape, pose: Floats, other_poses: Floats, resolution: float) -> bool:
+    """True if an object is closer than `OBJECT_GAP` to an existing one [cells, cells, rad]."""
     distances = np.hypot(*(other_poses[:, :2] - pose[:2]).T) * resolution
     near = other_poses[distances < 2 * shape.reach + OBJECT_GAP]
     return any(shape.is_round or _are_boxes_close(shape, pose, other, resolution) for other in near)
 
 
-def _are_boxes_close(shape: Shape, first: Floats, second: Floats, resolution: float) -> bool:
-    """Whether two rectangles come closer than `OBJECT_GAP`; points along one against the other."""
+def _are_boxes_close(shape: ObjectShape, first: Floats, second: Floats, resolution: float) -> bool:
+    """True if two rectangles are closer than `OBJECT_GAP`, tested at points of both."""
     along, across = np.meshgrid(
         np.linspace(-shape.half_length, shape.half_length, 9),
         np.linspace(-shape.half_width, shape.half_width, 9),
@@ -276,59 +278,61 @@ def _are_boxes_close(shape: Shape, first: Floats, second: Floats, resolution: fl
         cos, sin = math.cos(base[2]), math.sin(base[2])
         x = cos * along - sin * across + (base[1] - against[1]) * resolution
         y = sin * along + cos * across + (base[0] - against[0]) * resolution
-        if (shape.distance(x, y, against[2]) < OBJECT_GAP).any():
+        if (shape.compute_distance(x, y, against[2]) < OBJECT_GAP).any():
             return True
     return False
 
 
 @dataclass
 class LandmarkSearch:
-    """A greedy search for the places that lower the objective of `Sight` most."""
+    """Greedy search for the places that lower the objective of `RouteSight` most."""
 
-    sight: Sight
-    """What the robot sees with objects at some of the places, and the objective."""
-    passages: Passages
+    sight: RouteSight
+    """The visible objects along the routes, and the objective."""
+    robot_space: RobotSpace
     """Space of the robot on the map without objects."""
-    lazy: int = 128
-    """Number of places that a lazy search looks at together."""
+    n_lazy: int = 128
+    """Number of places that a lazy search evaluates together."""
 
     @property
     def places(self) -> Floats:
         """Row, column and heading of all places on the map, (n, 3) [cells, cells, rad]."""
         return self.sight.places
 
-    def run(self, count: int, progress: ProgressCallback | None = None) -> tuple[list[int], Floats]:
+    def select_places(
+        self, count: int, progress: ProgressCallback | None = None
+    ) -> tuple[list[int], Floats]:
         """Return indices of at most `count` places, and the objective with 0, 1, ... of them."""
         selected: list[int] = []
         bounds = np.full(len(self.places), np.inf)
         curve = []
         while True:
-            self.sight.start(np.array(selected, np.int64))
+            self.sight.place_objects(np.array(selected, np.int64))
             curve.append(self.sight.compute_objective())
-            best = self.find_best(selected, bounds) if len(selected) < count else None
+            best = self.find_best_place(selected, bounds) if len(selected) < count else None
             if progress:
                 progress(count if best is None else len(selected) + 1, count)
             if best is None:
                 return selected, np.array(curve)
             selected.append(best)
 
-    def find_best(self, other_places: list[int], bounds: Floats | None = None) -> int | None:
-        """Return the best allowed place added to others; None if none lowers the objective.
+    def find_best_place(self, other_places: list[int], bounds: Floats | None = None) -> int | None:
+        """Return the best allowed place in addition to occupied ones; None without a gain.
 
         With `bounds` (n,), which no gain exceeds, the search is lazy: places are looked at from the
         greatest bound on, until none of the rest can gain more. Gains with fewer objects are such
         bounds as far as the objective has diminishing returns; they are lowered in place.
         """
-        self.sight.start(np.array(other_places, np.int64))
+        self.sight.place_objects(np.array(other_places, np.int64))
         value = self.sight.compute_objective()
         # Share of the objective by which a place must lower it.
         min_gain = 1e-6 * value
         waiting = np.setdiff1d(np.arange(len(self.places)), other_places)
         lot = max(len(waiting), 1)
         if bounds is not None:
-            waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], self.lazy
+            waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], self.n_lazy
         gains = np.full(len(self.places), -np.inf)
-        passages = self.make_passages(other_places)
+        robot_space = self.make_robot_space(other_places)
         for begin in range(0, len(waiting), lot):
             part = waiting[begin : begin + lot]
             gains[part] = value - self.sight.compute_objectives(part)
@@ -339,36 +343,36 @@ class LandmarkSearch:
             for n in np.argsort(-gains, kind="stable").tolist():
                 if not gains[n] > min_gain or gains[n] < rest:
                     break
-                if self.is_allowed(n, other_places, passages):
+                if self.is_allowed(n, other_places, robot_space):
                     return int(n)
                 gains[n] = -np.inf
             if not rest > min_gain:
                 return None
         return None
 
-    def make_passages(self, placed: list[int]) -> Passages:
+    def make_robot_space(self, placed: list[int]) -> RobotSpace:
         """Return the robot's space with objects at these places."""
-        passages = self.passages.copy()
+        robot_space = self.robot_space.copy()
         for n in placed:
-            passages.place(self.places[n])
-        return passages
+            robot_space.close_around(self.places[n])
+        return robot_space
 
-    def is_allowed(self, place: int, other_places: list[int], passages: Passages) -> bool:
-        """True if an object may stand at a place together with others."""
+    def is_allowed(self, place: int, other_places: list[int], robot_space: RobotSpace) -> bool:
+        """True if an object may stand at a place in addition to occupied ones."""
         pose, sight = self.places[place], self.sight
         near = is_too_close(sight.shape, pose, self.places[other_places], sight.grid.resolution)
-        return not near and not passages.cuts(pose)
+        return not near and not robot_space.is_cut_by(pose)
 
     def draw_random_places(self, count: int, random: np.random.Generator) -> list[int]:
         """Return places drawn at random that are allowed together, at most `count`."""
         selected: list[int] = []
-        passages = self.passages.copy()
+        robot_space = self.robot_space.copy()
         for n in random.permutation(len(self.places)).tolist():
             if len(selected) == count:
                 break
-            if self.is_allowed(n, selected, passages):
+            if self.is_allowed(n, selected, robot_space):
                 selected.append(n)
-                passages.place(self.places[n])
+                robot_space.close_around(self.places[n])
         return selected
 
 

@@ -1,4 +1,4 @@
-"""What a robot sees along its routes with some objects in place, and the models of its filter."""
+"""Objects that a robot sees along its routes, and their effect on its filter."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from locplan._support.checks import check_memory
 from locplan._support.kernels.arrays import Floats, Ints, Singles
 from locplan._support.poses import Poses, compute_travel_distances
-from locplan.advice.landmark_objects import Shape
+from locplan.advice.landmark_objects import ObjectShape
 from locplan.field.beams import find_surface_normals
 from locplan.maps.grid import OccupancyGrid, world_to_map_frame
 from locplan.maps.occupancy import OCCUPIED
@@ -23,13 +23,13 @@ from locplan.robots.robot import Robot
 from locplan.simulation.worlds import make_path_poses
 
 SIGMA = 2.0
-"""Standard deviation of a beam's end, in times of the filter's own sigma_hit [1].
+"""Standard deviation of a beam's end in units of the filter's sigma_hit [1].
 
-Beams err alike, so that each has less information than alone: 0.4 m, with the default 0.2 m, ranks
-placements best by the errors of simulated drives.
+Errors of beams are correlated, so each carries less information than alone: 0.4 m, with the default
+0.2 m, ranks placements best by the errors of simulated drives.
 """
 MIN_STEP, MAX_STEP = 0.1, 0.5
-"""Limits of the distance between two looks around [m]; else it is that of two updates."""
+"""Limits of the distance between two looks around [m]; between them it is update_min_d."""
 MIN_RAYS, MAX_RAYS = 360, 2880
 """Limits of the number of rays in a full circle."""
 MIN_VARIANCE = 1e-8
@@ -38,20 +38,20 @@ MIN_VARIANCE = 1e-8
 
 @dataclass(frozen=True)
 class RouteViews:
-    """Poses of a robot, what it sees there on the map, and its models."""
+    """Poses of a robot along its routes, its rays there, and the models of its filter."""
 
     rays: Any
     """`landmarks.Rays`: the poses and their rays, in the map's own axes."""
     routes: Ints
     """Indices at which the routes begin, and the number of all poses, (r + 1,)."""
-    a_step: Any
+    sensing: Any
     """`objectives.Sensing`: the information of a beam from one pose to the next."""
     motion: Any
     """`objectives.Motion`: how the covariance of the filter's pose grows on the way."""
 
 
 def make_route_views(
-    grid: OccupancyGrid, lines: Sequence[Poses], shape: Shape, robot: Robot
+    grid: OccupancyGrid, lines: Sequence[Poses], shape: ObjectShape, robot: Robot
 ) -> RouteViews:
     """Look around on a map at poses in the world, `compute_look_step` apart on each line."""
     rays = _make_rays(
@@ -67,7 +67,7 @@ def make_route_views(
 
 
 def sample_lines(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) -> list[Poses]:
-    """Poses about every `compute_look_step` [m] along each path.
+    """Return poses about every `compute_look_step` [m] along each path.
 
     Raises
     ------
@@ -83,9 +83,9 @@ def sample_lines(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) -
     return lines
 
 
-def _make_rays(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any:
-    """`landmarks.Rays` at poses in the map's own axes, so dense that no object is missed."""
-    from locplan.advice.kernels.landmarks import Rays
+def _make_rays(poses: Poses, shape: ObjectShape, robot: Robot, resolution: float) -> Any:
+    """Return rays at poses along the map's rows and columns, dense enough to hit all objects."""
+    from locplan.advice.kernels.landmarks import RouteRays
 
     lidar, amcl = robot.known_lidar, robot.amcl
     reach = amcl.reach(lidar)
@@ -99,7 +99,7 @@ def _make_rays(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> A
     levers = np.column_stack(
         [cos * lidar.mount_x - sin * lidar.mount_y, sin * lidar.mount_x + cos * lidar.mount_y]
     )
-    return Rays(
+    return RouteRays(
         np.ascontiguousarray(poses[:, :2]),
         levers,
         poses[:, 2] + lidar.mount_yaw - width / 2 + step / 2,
@@ -108,20 +108,20 @@ def _make_rays(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> A
         lidar.sees_all_round,
         max(lidar.min_range, amcl.laser_min_range, 0.0),
         reach,
-        _compute_swing(amcl, resolution),
+        _compute_range_falloff(amcl, resolution),
     )
 
 
 def compute_look_step(robot: Robot) -> float:
-    """Distance between two looks around [m]."""
+    """Return the distance between two looks around [m]."""
     return min(max(robot.amcl.update_min_d, MIN_STEP), MAX_STEP)
 
 
-def _compute_swing(amcl: Amcl, resolution: float) -> float:
-    """How fast the information of a beam falls with its range, see `landmarks.Rays` [1 / m^2].
+def _compute_range_falloff(amcl: Amcl, resolution: float) -> float:
+    """Return the decrease of a beam's information with its range [1 / m^2].
 
-    It is the variance of the heading in one update over that of a beam's end at which it still
-    counts: sums of cubes are narrower than products.
+    It is the ratio of two variances: of the heading in one update, and of a beam's end. Sums of
+    cubes are narrower than products.
     """
     times = 1 if amcl.robot_model_type == OMNIDIRECTIONAL else 2
     turn = times * amcl.alpha2 * amcl.update_min_d**2
@@ -130,26 +130,26 @@ def _compute_swing(amcl: Amcl, resolution: float) -> float:
 
 
 def _make_sensing(robot: Robot, rays: int, resolution: float, looks: float) -> Any:
-    """`objectives.Sensing` of a filter: the curvature of its log-weight, per look around.
+    """Return the curvature of a filter's log-weight per look around.
 
-    A product of likelihoods adds the curvature of each beam. The other model of Nav2 weighs by
-    1 plus the sum of their cubes: the more beams hit, the less each counts.
+    A product of likelihoods adds the curvature of each beam. Nav2's default model weighs by 1 plus
+    the sum of their cubes: the more beams hit, the less each counts.
     """
-    from locplan.advice.kernels.objectives import Sensing
+    from locplan.advice.kernels.objectives import BeamSensing
 
     lidar, amcl = robot.known_lidar, robot.amcl
     share = math.ceil(lidar.beams / amcl.beam_step(lidar.beams)) / rays
     sigma = SIGMA * max(amcl.sigma_hit, resolution)
     likelihood = amcl.z_hit + amcl.z_rand / amcl.reach(lidar)
     if amcl.laser_model_type == "likelihood_field_prob":
-        return Sensing(looks * share * amcl.z_hit / likelihood / sigma**2, 0.0)
+        return BeamSensing(looks * share * amcl.z_hit / likelihood / sigma**2, 0.0)
     curvature = 3 * likelihood**2 * amcl.z_hit / sigma**2
-    return Sensing(looks * share * curvature, share * likelihood**3)
+    return BeamSensing(looks * share * curvature, share * likelihood**3)
 
 
 def _make_motion(robot: Robot) -> Any:
-    """`objectives.Motion` of a filter with its updates, and of the odometry."""
-    from locplan.advice.kernels.objectives import Motion
+    """Return the motion noise of a filter and of the odometry."""
+    from locplan.advice.kernels.objectives import MotionNoise
 
     amcl, odometry, disturbances = robot.amcl, robot.odometry, robot.disturbances
     step = amcl.update_min_d
@@ -158,7 +158,7 @@ def _make_motion(robot: Robot) -> Any:
         across, turn = amcl.alpha5 * step, amcl.alpha2 * step
     else:  # it turns before and after it drives
         across, turn = amcl.alpha2 * step**3, 2 * amcl.alpha2 * step
-    return Motion(
+    return MotionNoise(
         amcl.alpha3 * step + odometry.distance_drift**2,
         across,
         turn + drift**2,
@@ -167,13 +167,13 @@ def _make_motion(robot: Robot) -> Any:
     )
 
 
-LOT = 64
-"""Number of places that a thread takes at a time: near ones cost alike."""
+LOT_SIZE = 64
+"""Number of places that a thread takes at a time: near places cost about the same."""
 
 
 @dataclass
-class Sight:
-    """What a robot sees along its routes with objects at some of the places, and what they gain.
+class RouteSight:
+    """Objects that a robot sees along its routes, and the objective of the placement.
 
     The objective is the mean of P_xx + P_yy along the routes [m^2], P the covariance of an
     information filter: between two looks around P becomes F P F^T + Q ds, and at each
@@ -183,14 +183,14 @@ class Sight:
     grid: OccupancyGrid
     """The map without objects."""
     route_views: RouteViews
-    shape: Shape
+    shape: ObjectShape
     places: Floats
     """Row, column and heading of each place on the map, (m, 3) [cells, cells, rad]."""
     threads: int
     hits: Singles = field(init=False)
     """Hits of the rays with the objects, (n, beams, 4)."""
     sums: Floats = field(init=False)
-    """What `sums_of` makes of them, but for the number of hits, which is that of the map."""
+    """Weighted sums over the hits of each pose; their number of hits is the map's."""
     sightings: Any = field(init=False)
     """`sightings.Sightings` of the places."""
 
@@ -198,8 +198,8 @@ class Sight:
         from locplan._support.kernels.rays import empty_squares
         from locplan.advice.kernels.landmarks import (
             LandmarkScene,
-            Outline,
-            Surfaces,
+            MapSurfaces,
+            ObjectOutline,
             cast_map_hits,
             sum_hits,
         )
@@ -207,12 +207,12 @@ class Sight:
         rays, resolution = self.route_views.rays, self.grid.resolution
         count, occupied = len(rays.first), self.grid.cells == OCCUPIED
         self._hits_of_map = np.zeros((count, rays.beams, 4), np.float32)
-        surfaces = Surfaces(empty_squares(occupied), find_surface_normals(occupied), resolution)
+        surfaces = MapSurfaces(empty_squares(occupied), find_surface_normals(occupied), resolution)
         cast_map_hits(surfaces, rays, self._hits_of_map)
         self.candidate_poses = np.ascontiguousarray(
             np.column_stack([self.places[:, [1, 0]] * resolution, self.places[:, 2]])
         )
-        self.outline = Outline(*self.shape)
+        self.outline = ObjectOutline(*self.shape)
         self.hits = self._hits_of_map.copy()
         self.sums = sum_hits(self.hits, rays)
         self.scene = LandmarkScene(self.hits, self.sums, rays, self.outline)
@@ -220,8 +220,8 @@ class Sight:
         self._touched = np.zeros(count, bool)
         self.sightings = self._find_sightings()
 
-    def start(self, place_numbers: Ints) -> None:
-        """Begin from objects at these places, (k,)."""
+    def place_objects(self, place_numbers: Ints) -> None:
+        """Start over with objects at these places, (k,)."""
         from locplan.advice.kernels.landmarks import HITS, add_object, write_sums
 
         touched, rays = self._touched, self.route_views.rays
@@ -243,7 +243,7 @@ class Sight:
             self.sums,
             route_views.rays.poses,
             route_views.routes,
-            route_views.a_step,
+            route_views.sensing,
             route_views.motion,
         )
         return float((after[:, XX] + after[:, YY]).mean())
@@ -257,7 +257,7 @@ class Sight:
             self.sightings,
             self.scene,
             route_views.routes,
-            route_views.a_step,
+            route_views.sensing,
             route_views.motion,
         )
         return np.concatenate(
@@ -268,8 +268,8 @@ class Sight:
         )
 
     def _find_sightings(self) -> Any:
-        """Which poses see which place, and by which rays."""
-        from locplan.advice.kernels.landmarks import Sightings, find_sightings
+        """Find the poses that see each place, and their rays."""
+        from locplan.advice.kernels.landmarks import ObjectSightings, find_sightings
 
         candidate_poses, kernel_arguments = (
             self.candidate_poses,
@@ -280,9 +280,9 @@ class Sight:
             np.arange(len(candidate_poses)),
         )
 
-        def fill_sightings(starts: Ints) -> Sightings:
+        def fill_sightings(starts: Ints) -> ObjectSightings:
             room = starts[-1]
-            new_sightings = Sightings(
+            new_sightings = ObjectSightings(
                 starts, np.empty(room, np.int32), np.empty((room, 2), np.int16)
             )
             self._run_in_lots(
@@ -303,7 +303,7 @@ class Sight:
         return fill_sightings(starts)
 
     def _run_in_lots(self, run: Callable[[Ints], Any], indices: Ints) -> list[Any]:
-        """What a function gives for the indices of each lot of places."""
-        lots = np.split(indices, range(LOT, len(indices), LOT))
+        """Return the results of a function for the indices of each lot of places."""
+        lots = np.split(indices, range(LOT_SIZE, len(indices), LOT_SIZE))
         with ThreadPoolExecutor(self.threads) as pool:
             return list(pool.map(run, lots))

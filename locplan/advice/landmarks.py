@@ -1,4 +1,4 @@
-"""Landmarks: where to put objects that keep a robot from getting lost, and whether they help."""
+"""Landmarks: choose places for objects that keep a robot localized, and verify them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from locplan._support.checks import (
 )
 from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import POSE, Column, Result, Table
 from locplan._support.tables import nan_to_none, wrap_lines
@@ -35,13 +35,13 @@ from locplan.advice.landmark_objects import (
 from locplan.advice.landmark_search import (
     CLEARANCE,
     LandmarkSearch,
-    Passages,
-    count_reasons,
+    RobotSpace,
     find_refusals,
+    format_reason_counts,
     list_candidate_places,
     poses_from_places,
 )
-from locplan.advice.landmark_sight import Sight, make_route_views, sample_lines
+from locplan.advice.landmark_sight import RouteSight, make_route_views, sample_lines
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.config import equip_robot
 from locplan.maps.files import save_map
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 
 DRIVES = 100
 """Number of drives along each route by default."""
-OUTCOME = (
+DRIVE_COLUMNS = (
     Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
     *RATES,
     Column("rmse", "m", "error, all drives", interval=True),
@@ -73,33 +73,33 @@ OUTCOME = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class VerificationDrives(RateProperties):
-    """Drives along some routes with one set of objects, or several."""
+    """Drives along all routes with the same objects, or with random sets of objects."""
 
     drives: tuple[Drives, ...]
     """Drives of each route and set."""
 
     @property
-    def number(self) -> int:
+    def n_drives(self) -> int:
         """Number of drives."""
         return len(self.lost)
 
     @property
     def lost(self) -> Bools:
-        """True for each drive that was lost, (number,)."""
+        """True for each drive that was lost, (n_drives,)."""
         return np.concatenate([route_drives.lost for route_drives in self.drives])
 
     @property
     def mean_squares(self) -> Floats:
-        """Mean square of each drive's position error, (number,) [m^2]."""
+        """Mean square of each drive's position error, (n_drives,) [m^2]."""
         return np.concatenate([route_drives.mean_squares for route_drives in self.drives])
 
     @property
     def off_at_end(self) -> Bools:
-        """True for each drive that is off at the end, (number,)."""
+        """True for each drive that is off at the end, (n_drives,)."""
         return np.concatenate([route_drives.off_at_end for route_drives in self.drives])
 
     def __repr__(self) -> str:
-        return f"Outcome({self.number} drives, {format_rates(self)})"
+        return f"VerificationDrives({self.n_drives} drives, {format_rates(self)})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,7 +122,7 @@ class Verification:
 
     @cached_property
     def comparison(self) -> Verdict:
-        """The verdict on the drives with landmarks beside those without, with its figures."""
+        """The verdict on the drives with landmarks, compared with drives without."""
         return compare_drives(
             *(DriveSet.from_drives(drive_group.drives) for drive_group in (self.before, self.after))
         )
@@ -133,9 +133,8 @@ class Verification:
         return self.comparison.word
 
     @property
-    def none_lost(self) -> bool:
-        """Whether no drive was lost before and after, but for 2 %."""
-        # Share of lost drives up to which none counts as lost to begin with.
+    def has_no_losses(self) -> bool:
+        """True if at most 2 % of the drives were lost before and after."""
         return max(self.before.lost_rate.value, self.after.lost_rate.value) <= 0.02
 
     @property
@@ -144,7 +143,7 @@ class Verification:
         before, after, random = self.before, self.after, self.random
         lost = before.lost_rate.value
         error = f"{before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
-        if self.none_lost:
+        if self.has_no_losses:
             lost_text = f"{lost:.0%} of the drives were" if lost else "no drive was"
             sentence = f"{self.word}: {lost_text} lost to begin with; error {error}"
             return sentence + (f", {random.rmse.value:.2f} m at random places" if random else "")
@@ -154,46 +153,47 @@ class Verification:
         return f"{sentence}; error {error}"
 
     def table(self) -> Table:
-        """The drives on each map: how many went wrong, and their errors."""
+        """Return the table of drives on each map: rates and errors."""
         drive_groups = {"none": self.before, "proposed": self.after}
         if self.random:
             drive_groups["as many at random"] = self.random
         rows = zip(
-            drive_groups, Table.from_records(OUTCOME, drive_groups.values()).rows, strict=True
+            drive_groups, Table.from_records(DRIVE_COLUMNS, drive_groups.values()).rows, strict=True
         )
         return Table(
-            (Column("world", title="landmarks"), *OUTCOME),
+            (Column("world", title="landmarks"), *DRIVE_COLUMNS),
             tuple((name, *row) for name, row in rows),
         )
 
 
 PAYING_SHARE = 0.05
-"""Share by which a landmark must lower what is expected to pay."""
-EXPECTED = Column("expected_deviation", "m", "expected deviation", 3)
-COLUMNS = (
+"""Minimum share by which a useful landmark lowers the expected deviation."""
+EXPECTED_DEVIATION = Column("expected_deviation", "m", "expected deviation", 3)
+LANDMARK_COLUMNS = (
     Column("number", title="landmark", digits=0),
     *POSE,
     Column("kind"),
     Column("length", "m"),
     Column("width", "m"),
     Column("gain"),
-    EXPECTED,
+    EXPECTED_DEVIATION,
 )
 """Columns of landmarks; a pole's length and width are its diameter."""
-ROUND_COLUMNS = tuple(
-    replace(column, title=None) if column.name == "heading" else column for column in COLUMNS
+POLE_COLUMNS = tuple(
+    replace(column, title=None) if column.name == "heading" else column
+    for column in LANDMARK_COLUMNS
 )
 """Columns of poles, whose heading is in files only."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlacementSetting:
-    """What landmarks are placed for: the map, the routes, and the robot."""
+    """The input of a placement: map, kind of object, routes, and robot."""
 
     grid: OccupancyGrid
     """The map without the objects."""
     kind: LandmarkObject
-    """The object, of which several are placed."""
+    """The kind of object."""
     routes: Mapping[str, Path]
     """Routes of the robot by name."""
     is_planned: bool
@@ -201,10 +201,10 @@ class PlacementSetting:
     robot: Robot
     """The robot that was simulated."""
     zones: Zones = field(default_factory=Zones)
-    """The zones, of which no-go ones have neither objects nor planned routes in them."""
+    """The zones; no-go zones have neither objects nor planned routes."""
 
     def replan_routes(self, grid: OccupancyGrid) -> Mapping[str, Path]:
-        """The routes that were given, or the shortest paths between their ends on a map.
+        """Return the user's paths, or the shortest paths between the places on a map.
 
         Parameters
         ----------
@@ -214,7 +214,7 @@ class PlacementSetting:
         Raises
         ------
         LocplanError
-            If the landmarks close a way.
+            If the landmarks block a route.
         """
         if not self.is_planned:
             return self.routes
@@ -234,9 +234,9 @@ class PlacementSetting:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Landmarks(Result):
-    """Places of equal objects, in order of gain."""
+    """Result of `place_landmarks`: places of equal objects, in order of gain."""
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "landmarks",
         (
             "landmarks.json",
@@ -275,7 +275,7 @@ class Landmarks(Result):
         low, high = self.expected_deviations[-1], self.expected_deviations[0]
         return (
             f"Landmarks({len(self)} x {self.setting.kind.title} in {self.grid.name or 'map'},"
-            f" {EXPECTED.title} {high:.3g} -> {low:.3g})"
+            f" {EXPECTED_DEVIATION.title} {high:.3g} -> {low:.3g})"
         )
 
     def __len__(self) -> int:
@@ -288,7 +288,7 @@ class Landmarks(Result):
 
     @property
     def gains(self) -> Floats:
-        """What each landmark takes off the curve beside those before it, (k,) [m^2]."""
+        """Decrease of the curve by each landmark, (k,) [m^2]."""
         return -np.diff(self.curve)
 
     @property
@@ -297,10 +297,10 @@ class Landmarks(Result):
         return np.asarray(self.curve**0.5)
 
     @property
-    def paying(self) -> int:
-        """Number of landmarks from which on no further one pays.
+    def n_paying(self) -> int:
+        """Number of useful landmarks.
 
-        Each one after lowers what is expected by less than 5 %.
+        Each further one lowers the expected deviation by less than 5 %.
         """
         steps = 1 - self.expected_deviations[1:] / np.maximum(self.expected_deviations[:-1], 1e-12)
         paying = np.flatnonzero(steps >= PAYING_SHARE)
@@ -308,22 +308,22 @@ class Landmarks(Result):
 
     @property
     def advice(self) -> str:
-        """The landmarks that hardly lower what is expected, in a sentence; empty if all pay."""
-        little = f"lowers it by less than {PAYING_SHARE:.0%}"
-        if self.paying == 0:
-            return f"each {little}"
-        if self.paying < len(self):
-            return f"from number {self.paying + 1} on each {little}: {self.paying} may do"
+        """Sentence on landmarks with little effect; empty if all are useful."""
+        little = f"lowers the expected deviation by less than {100 * PAYING_SHARE:.0f} %"
+        if self.n_paying == 0:
+            return f"Each landmark {little}."
+        if self.n_paying < len(self):
+            return f"From number {self.n_paying + 1} on, each {little}: {self.n_paying} may do."
         return ""
 
     def table(self) -> Table:
-        """The landmarks in order of gain, and what is expected with each and those before it."""
+        """Return the table of landmarks in order of gain, with the expected deviations."""
         kind, shape = self.setting.kind, self.setting.kind.shape
         object_values = kind.word, 2 * shape.half_length, 2 * shape.half_width
         values = self.poses.tolist(), self.gains.tolist(), self.expected_deviations[1:].tolist()
         rows = enumerate(zip(*values, strict=True), 1)
         return Table(
-            ROUND_COLUMNS if self.setting.kind.word == "pole" else COLUMNS,
+            POLE_COLUMNS if self.setting.kind.word == "pole" else LANDMARK_COLUMNS,
             tuple((n, *pose, *object_values, gain, expected) for n, (pose, gain, expected) in rows),
         )
 
@@ -337,7 +337,7 @@ class Landmarks(Result):
         save_map(self.grid, folder / "map_with_landmarks.yaml")
 
     def summary(self, verification: Verification | None = None) -> dict[str, object]:
-        """Places, gains and settings in numbers, fit for JSON.
+        """Return places, gains and settings as plain data for JSON.
 
         Parameters
         ----------
@@ -359,24 +359,24 @@ class Landmarks(Result):
                 "map_with_landmarks": {"digest": self.grid.digest},
                 "object": {"kind": setting.kind.word, **vars(setting.kind)},
                 "landmarks": self.table().records(),
-                EXPECTED.name: self.expected_deviations.tolist(),
-                "paying": self.paying,
+                EXPECTED_DEVIATION.name: self.expected_deviations.tolist(),
+                "paying": self.n_paying,
                 "routes": {name: path.length for name, path in setting.routes.items()},
                 "robot": setting.robot.summary(),
             }
         )
 
     def report(self, verification: Verification | None = None) -> str:
-        """What the drives say, then the landmarks in order of gain."""
+        """Return the landmarks in order of gain, and the verdict of the drives, as text."""
         return landmarks_report(self, verification)
 
     def figure(self, verification: Verification | None = None) -> Figure:
-        """Maps before and after with the routes, the expected deviation, and the error on the way.
+        """Draw maps before and after, the expected deviation, and errors along the route.
 
         Parameters
         ----------
         verification : Verification, optional
-            Drives of `Landmarks.verify`; with them the routes are coloured by the mean position
+            Result of `verify_landmarks`; with it the routes are coloured by the mean position
             error.
         """
         from locplan.advice.figures import landmarks_figure
@@ -385,14 +385,13 @@ class Landmarks(Result):
 
 
 def landmarks_report(landmarks: Landmarks, verification: Verification | None = None) -> str:
-    """What the drives say, then the landmarks in order of gain."""
+    """Return the landmarks in order of gain, and the verdict of the drives, as text."""
     setting = landmarks.setting
-    verdict = [verification.verdict if verification else "not verified: nothing was driven"]
+    verdict = [verification.verdict if verification else "not verified by simulated drives"]
     verdict.append(f"with {setting.robot.title}")
     gains = [
-        f"{len(landmarks)} x {setting.kind.title}, in order of gain; {EXPECTED.heading} without"
-        " any:"
-        f" {landmarks.expected_deviations[0]:.3f}"
+        f"{len(landmarks)} x {setting.kind.title}, in order of gain."
+        f" {EXPECTED_DEVIATION.heading} without landmarks: {landmarks.expected_deviations[0]:.3f}"
     ]
     if landmarks.advice:
         gains.append(landmarks.advice)
@@ -418,9 +417,9 @@ def place_landmarks(
 ) -> Landmarks:
     """Choose places for objects that keep a robot from getting lost on its routes.
 
-    The choice is greedy: each place makes the mean of P_xx + P_yy along the routes smallest, P the
-    covariance of an information filter with the noise of the robot's own. `Landmarks.verify` tests
-    by simulated drives whether the objects help.
+    The choice is greedy: each place minimizes the mean of P_xx + P_yy along the routes. P is the
+    covariance of an information filter with the noise of the robot's filter. `verify_landmarks`
+    tests the objects by simulated drives.
 
     Parameters
     ----------
@@ -436,10 +435,10 @@ def place_landmarks(
         Instead of paths: the robot drives the shortest paths between all of these, 2 to 8 [m],
         planned again among the objects.
     robot : Robot, optional
-        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.load` reads.
+        The robot, for example from `Robot.load`. By default it has Nav2's filter and a lidar of
+        6 m that sees all round.
     zones : Zones, optional
-        The zones: no object stands in a no-go one, and no route leads through it.
+        The zones: no object stands in a no-go zone, and no route leads through it.
     threads : int, optional
         Number of threads, at least 1; all cores by default. The result does not depend on it.
     progress : callable, optional
@@ -458,7 +457,7 @@ def place_landmarks(
 
     See Also
     --------
-    Landmarks.verify : Drives before, after, and with as many objects at random places.
+    verify_landmarks : Drives before, after, and with as many objects at random places.
 
     Examples
     --------
@@ -480,7 +479,7 @@ def place_landmarks(
     zones = normalize_zones(zones)
     routes = parse_routes(grid, paths, places, robot.radius, zones)
     search = _prepare_search(grid, kind, routes, robot, zones, threads)
-    place_numbers, curve = search.run(count, progress)
+    place_numbers, curve = search.select_places(count, progress)
     setting = PlacementSetting(grid, kind, routes, paths is None, robot, zones)
     return Landmarks(setting, poses_from_places(grid, search.places[place_numbers]), curve, search)
 
@@ -503,7 +502,7 @@ def _prepare_search(
     from scipy.spatial import cKDTree
 
     lines = sample_lines(grid, routes, robot)
-    passages = Passages(grid, kind.shape, robot.radius, CLEARANCE)
+    robot_space = RobotSpace(grid, kind.shape, robot.radius, CLEARANCE)
     route_views = make_route_views(grid, lines, kind.shape, robot)
     keep, closed = robot.radius + CLEARANCE, zones.cells(grid, "no-go")
     candidates = list_candidate_places(grid, kind.shape, routes.values(), keep)
@@ -514,27 +513,27 @@ def _prepare_search(
     ]
     clear_of = [path.resample(grid.resolution / 2).xy for path in routes.values()]
     at = np.column_stack(grid.world_to_grid(*np.concatenate(clear_of).T))
-    reasons = find_refusals(candidates, grid, passages, at, keep, closed)
+    reasons = find_refusals(candidates, grid, robot_space, at, keep, closed)
     allowed = np.array([not reason for reason in reasons], bool)
     if not allowed.any():
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
-            f" {count_reasons(reasons)}; give a smaller object, or smaller no-go zones"
+            f" {format_reason_counts(reasons)}. Use a smaller object or smaller no-go zones"
         )
     return LandmarkSearch(
-        Sight(grid, route_views, kind.shape, candidates[allowed], threads), passages
+        RouteSight(grid, route_views, kind.shape, candidates[allowed], threads), robot_space
     )
 
 
 def parse_routes(
     grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float, zones: Zones
 ) -> dict[str, Path]:
-    """Routes by name: the paths that were given, or the shortest ones between places.
+    """Return routes by name: the user's paths, or the shortest paths between places.
 
     Raises
     ------
     ConfigError
-        If they are none.
+        If paths or places are not valid.
     LocplanError
         If the robot cannot stand at a place, or no path joins two.
     """
@@ -542,7 +541,7 @@ def parse_routes(
         raw_paths = {"path": paths} if isinstance(paths, Path) else paths
         values_by_name = _name_values(raw_paths, "path", "paths by name")
         if not values_by_name:
-            raise ConfigError("there must be at least one path along which landmarks help")
+            raise ConfigError("there are no paths. Give at least one path for the landmarks")
         routes = {
             str(name): path if isinstance(path, Path) else Path(np.asarray(path))
             for name, path in values_by_name.items()
@@ -554,8 +553,8 @@ def parse_routes(
     values_by_name = _name_values(places, "place", "positions x, y in metres")
     if not 2 <= len(values_by_name) <= MAX_PLACES:
         raise ConfigError(
-            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(values_by_name)};"
-            " give longer lists of routes as paths"
+            f"there must be 2 to {MAX_PLACES} places, not {len(values_by_name)}. Give more routes"
+            " as paths"
         )
     ends = {
         str(name): check_position(xy, name=f"place {name}") for name, xy in values_by_name.items()
@@ -567,15 +566,13 @@ def parse_routes(
     for (first, start), (second, goal) in combinations(ends.items(), 2):
         shortest = plan(costs, start, goal).path
         if shortest is None:
-            raise LocplanError(
-                f"no path leads from {first} to {second}; name places that are joined"
-            )
+            raise LocplanError(f"no path leads from {first} to {second}. Name connected places")
         routes[f"{first} to {second}"] = shortest
     return routes
 
 
 def _name_values(values: Any, word: str, requirement: str) -> Mapping[Any, Any]:
-    """What has names already, or is numbered from 1."""
+    """Return a mapping as it is, or values named by numbers from 1."""
     if isinstance(values, Mapping):
         return values
     if not isinstance(values, Iterable) or isinstance(values, str):
@@ -601,8 +598,7 @@ def verify_landmarks(
     landmarks : Landmarks
         The landmarks, with the map, the robot and the routes.
     drives : int, default 100
-        Number of drives along each route, 2 to 100,000; all sets of random places together have
-        as many. More narrow the intervals.
+        Number of drives along each route, 2 to 100,000; all random sets together have as many.
     random_sets : int, default 5
         Number of sets of random places, 1 to 1000.
     seed : int, default 1

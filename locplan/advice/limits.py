@@ -1,4 +1,4 @@
-"""Limits that a site's checks keep: `--fail-if`."""
+"""Limits of a check's figures: the option `--fail-if`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from locplan._support.intervals import Interval
 from locplan.advice.check_result import Check
 from locplan.errors import ConfigError
 
-FIGURES: dict[str, Callable[[Check], Interval]] = {
+LIMITED_FIGURES: dict[str, Callable[[Check], Interval]] = {
     "reached": lambda check: check.baseline.reached,
     "lost": lambda check: check.baseline.lost,
     "error": lambda check: check.baseline.error,
-    "degenerate": lambda check: Interval(*[check.degenerate] * 3),
+    "degenerate": lambda check: Interval(*[check.degenerate_share] * 3),
     "faults": lambda check: Interval(*[float(len(check.faults))] * 3),
 }
 """Figures with limits: shares, the error of a typical drive [m], and the number of faults."""
@@ -24,8 +24,8 @@ SHARES = ("reached", "lost", "degenerate")
 
 
 @dataclass(frozen=True)
-class Limit:
-    """A figure beyond which a check fails."""
+class CheckLimit:
+    """A limit of one figure, such as lost > 5%."""
 
     figure: str
     """"reached", "lost", "error", "degenerate" or "faults"."""
@@ -34,10 +34,10 @@ class Limit:
     number: float
     """The number: a share 0..1, an error [m], or a count."""
     text: str
-    """As it was written."""
+    """The limit as typed."""
 
     @classmethod
-    def parse(cls, text: str) -> Limit:
+    def parse(cls, text: str) -> CheckLimit:
         """Read a limit such as "lost > 5%".
 
         Parameters
@@ -56,10 +56,10 @@ class Limit:
         0.05
         """
         words = re.fullmatch(r"\s*(\w+)\s*([<>]=?)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%|m)?\s*", text)
-        if words is None or words[1] not in FIGURES:
+        if words is None or words[1] not in LIMITED_FIGURES:
             raise ConfigError(
-                f"a limit must be one of {', '.join(FIGURES)}, a comparison and a number, such as"
-                f" 'lost > 5%', not {short_repr(text)}"
+                f"a limit must be one of {', '.join(LIMITED_FIGURES)}, a comparison and a number,"
+                f" such as 'lost > 5%', not {short_repr(text)}"
             )
         name, sign, number, unit = words.groups()
         units = {"error": ("m", None), "faults": (None,)}.get(name, ("%", None))
@@ -71,28 +71,28 @@ class Limit:
         return cls(name, sign, value, " ".join(text.split()))
 
     def fails(self, check: Check) -> bool:
-        """Whether a check's figure lies beyond the limit with its whole interval.
+        """True if the whole interval of a check's figure is beyond the limit.
 
         Parameters
         ----------
         check : Check
             The check.
         """
-        _, low, high = FIGURES[self.figure](check)
+        _, low, high = LIMITED_FIGURES[self.figure](check)
         nearest = low if self.sign.startswith(">") else high
         compared = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
         return bool(compared[self.sign](nearest, self.number))
 
     def format_result(self, check: Check) -> str:
-        """The figure with its interval beside the limit.
+        """Return the figure with its interval, and the limit.
 
         Parameters
         ----------
         check : Check
             The check.
         """
-        value, low, high = FIGURES[self.figure](check)
+        value, low, high = LIMITED_FIGURES[self.figure](check)
         scale, unit = (100, " %") if self.figure in SHARES else (1, "")
-        figure_text = f"{scale * value:.3g} [{scale * low:.3g}, {scale * high:.3g}]{unit}"
+        figure_text = f"{scale * value:.3g}{unit} [{scale * low:.3g}, {scale * high:.3g}]"
         result_word = "failed" if self.fails(check) else "passed"
-        return f"{result_word}: {self.figure} is {figure_text}, it fails on {self.text}"
+        return f"{result_word}: {self.figure} is {figure_text}; fails if {self.text}"

@@ -1,4 +1,4 @@
-"""How a map's file should be read: thresholds by its greys, and the resolution by ranges."""
+"""Corrections of a map's file: thresholds by its grey levels, resolution by lidar ranges."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from locplan.maps.grid import OccupancyGrid
 
 
 @dataclass(frozen=True)
-class MapReading:
-    """How a map's file should be read, and what is to be changed in it."""
+class MapCorrection:
+    """Corrections of a map's file, and the corrected map."""
 
     grid: OccupancyGrid
-    """The map that is meant."""
+    """The corrected map."""
     reasons: tuple[str, ...] = ()
-    """What each change is, and what it does."""
-    is_sure: bool = False
-    """Whether something is wrong whatever drives say."""
+    """Each change with its effect."""
+    is_certain: bool = False
+    """True if the file is wrong for certain, even if no drive improves."""
     scale: float = 1.0
-    """Factor that its lengths should have."""
+    """Factor from the file's lengths to true lengths."""
 
     @classmethod
-    def from_source(cls, grid: OccupancyGrid, source: MapSource | None) -> MapReading:
-        """By other thresholds, where dark greys seem to be walls, or unknown is read as free.
+    def from_source(cls, grid: OccupancyGrid, source: MapSource | None) -> MapCorrection:
+        """Return corrected thresholds if dark greys seem to be walls, or unknown is read as free.
 
         Parameters
         ----------
         grid : OccupancyGrid
-            The map as its file says.
+            The map as read with the file's thresholds.
         source : MapSource or None
-            How it was read.
+            The map's file and thresholds.
         """
         corrected, reasons = with_corrected_thresholds(grid, source), []
         if source is None or corrected is grid:
@@ -40,30 +40,30 @@ class MapReading:
             reasons.append(f"occupied_thresh {occupied:g}, so that dark greys are walls")
         if source.has_free_grey:
             reasons.append(f"free_thresh {free:g}, so that map_saver's grey is unknown")
-        return cls(corrected, reasons=tuple(reasons), is_sure=source.has_free_grey)
+        return cls(corrected, reasons=tuple(reasons), is_certain=source.has_free_grey)
 
     @property
     def title(self) -> str:
         """The changes, in words."""
         return " and ".join(self.reasons)
 
-    def with_scale(self, factor: float) -> MapReading:
-        """The same with another resolution; its grid stays in the lengths of the file."""
+    def with_scale(self, factor: float) -> MapCorrection:
+        """Return the correction with another resolution; its grid keeps the file's lengths."""
         resolution = self.grid.resolution * factor
-        sentence = f"resolution {resolution:.4g}, as the ranges of recorded drives say"
-        return replace(self, reasons=(*self.reasons, sentence), is_sure=True, scale=factor)
+        sentence = f"resolution {resolution:.4g}, from the ranges of recorded drives"
+        return replace(self, reasons=(*self.reasons, sentence), is_certain=True, scale=factor)
 
     @property
-    def lengths(self) -> dict[str, object]:
-        """The entries of the map's YAML for its true lengths; none where the file has them."""
+    def corrected_lengths(self) -> dict[str, object]:
+        """The corrected lengths in the map's YAML; empty if the file is right."""
         if self.scale == 1:
             return {}
-        true = self.in_metres(self.grid)
+        true = self.rescale(self.grid)
         origin = [round(coordinate, 4) for coordinate in true.origin[:2]] + [true.origin[2]]
         return {"resolution": float(f"{true.resolution:.4g}"), "origin": origin}
 
-    def in_metres(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """A map in the lengths of the file, in true ones."""
+    def rescale(self, grid: OccupancyGrid) -> OccupancyGrid:
+        """Rescale a map from the file's lengths to true lengths."""
         x, y, yaw = grid.origin
         origin = x * self.scale, y * self.scale, yaw
         return replace(grid, resolution=grid.resolution * self.scale, origin=origin)

@@ -1,4 +1,4 @@
-"""Repaired maps: walls hollowed, specks erased, and the simulated drives that decide."""
+"""Repair of maps: hollow walls, erase specks, and compare the maps by simulated drives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from locplan._support.checks import check_integer
 from locplan._support.intervals import Interval
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import Column, Result, Table
 from locplan.errors import ConfigError
@@ -29,7 +29,7 @@ from locplan.robots.amcl import Amcl
 from locplan.robots.parameters import read_parameters
 from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
-from locplan.simulation.drives import Drives, check_drives
+from locplan.simulation.drives import Drives, check_drives, rate_column
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import DriveSet, compare_drives
 
@@ -37,38 +37,38 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-PATHS, DRIVES = 5, 8
-"""Default number of paths of the verdict, and of drives along each with each map and filter."""
+N_PATHS, N_DRIVES = 5, 8
+"""Default number of paths, and of drives along each path with each map and filter."""
 DISTANCES = 10.0, 5.0, 2.0, 0.5
-"""Minimum distances from start to goal of the verdict's paths, the first that the map has [m]."""
+"""Minimum distances from start to goal of the paths; the first feasible one is used [m]."""
 
-CONCERNED = (
-    "this helps likelihood fields: AMCL's, als_ros, MRPT and beluga before 2.1.1; SLAM Toolbox and"
-    " Cartographer need it not"
+AFFECTED_FILTERS = (
+    "The repaired map helps likelihood-field filters: AMCL, als_ros, MRPT, and beluga before 2.1.1."
+    " SLAM Toolbox and Cartographer do not need it."
 )
 
 
 @dataclass(frozen=True)
 class MapVerdict:
-    """What simulated drives say of a filter with the map as it is, and with the mended one."""
+    """Verdict of simulated drives on one filter: original map against repaired map."""
 
     filter: str
     """The filter, in words."""
     lost_as_is: Interval
     """Share of the drives that were lost with the map as it is."""
-    lost_mended: Interval
-    """The same with the mended map."""
+    lost_repaired: Interval
+    """The same with the repaired map."""
     rmse_ratio: Interval
-    """Ratio of the error with the mended map to that with the map as it is: geometric mean."""
+    """Geometric mean of the ratio of errors: repaired map over original map."""
     verdict: str
-    """The verdict on the mended map: "better", "worse", "no difference" or "undecided"."""
+    """The verdict on the repaired map: "better", "worse", "no difference" or "undecided"."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RepairedMap(Result):
-    """A map mended for the filter; made by `mend`."""
+    """Result of `repair`: the map for the filter, and the verdict on it."""
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "mend",
         (
             *("repair.json", "repair.png", "repair.csv", "map_amcl.yaml", "map_amcl.pgm"),
@@ -84,47 +84,46 @@ class RepairedMap(Result):
     )
 
     grid: OccupancyGrid
-    """The map as it is, which stays that for planning."""
+    """The original map, which stays the map for planning."""
     filter_map: OccupancyGrid
-    """The map for the filter, of the same size, resolution and origin; where nothing was mended,
-    it equals the other."""
+    """The map for the filter, of the same size, resolution and origin; equal to `grid` if nothing
+    was repaired."""
     faults: MapFaults
     """The faults of the map."""
     verdicts: tuple[MapVerdict, ...]
-    """What drives say, first of Nav2's defaults, then of the robot's filter if that is another."""
+    """Verdicts on Nav2's default filter and, if it differs, on the robot's filter."""
     seed: int
     """Seed of all random numbers."""
-    undriven: str = ""
-    """Why there is no verdict though something was mended; else empty."""
+    no_verdict_reason: str = ""
+    """Reason for a missing verdict on a repaired map; otherwise empty."""
     source: MapSource | None = None
-    """How the map was read, if its thresholds are to be changed for planning, too; else None."""
+    """The map's file, if its thresholds need a correction for planning as well; otherwise None."""
 
     def __repr__(self) -> str:
         return f"RepairedMap({self.grid.name or 'map'}, {self.n_changed:,} cells)"
 
     @property
     def n_changed(self) -> int:
-        """Number of cells that are other ones on the map for the filter."""
+        """Number of cells that differ on the map for the filter."""
         return int(np.count_nonzero(self.grid.cells != self.filter_map.cells))
 
     def summary(self) -> dict[str, object]:
-        """Faults, cells and verdicts, fit for JSON."""
+        """Return faults, cells and verdicts as plain data for JSON."""
         return {
             **self.faults.summary(),
             "filter_map": {"name": self.filter_map.name, "digest": self.filter_map.digest},
             "changed_cells": self.n_changed,
             "verdicts": self.table().records(),
-            "undriven": self.undriven,
+            "undriven": self.no_verdict_reason,
             "seed": self.seed,
         }
 
     def table(self) -> Table:
-        """The verdicts, a row for each filter."""
-        share = {"people": "%", "digits": 0, "interval": True}
+        """Return the table of the verdicts, a row for each filter."""
         columns = (
             Column("filter", title="filter"),
-            Column("lost_as_is", title="lost, as is", **share),  # type: ignore[arg-type]
-            Column("lost_mended", title="repaired", **share),  # type: ignore[arg-type]
+            rate_column("lost_as_is", "lost, original"),
+            rate_column("lost_repaired", "lost, repaired"),
             Column("rmse_ratio", title="error ratio", interval=True),
             Column("verdict", title="verdict"),
         )
@@ -138,40 +137,42 @@ class RepairedMap(Result):
             (folder / "map.yaml").write_text(corrected_yaml(self.source), "utf-8")
 
     def figure(self) -> Figure:
-        """Draw the map as it is and mended, side by side."""
+        """Draw the original and the repaired map, side by side."""
         from locplan.advice.figures import repair_figure
 
         return repair_figure(self)
 
     def report(self) -> str:
-        """What was mended, and what drives say."""
+        """Return the repairs, and the verdicts of simulated drives, as text."""
         return repair_report(self)
 
 
-def repair_report(mended: RepairedMap) -> str:
-    """What was mended, and what drives say."""
-    lines = [mended.faults.report()]
-    if not mended.n_changed:
-        return "\n".join([*lines, "nothing to mend"])
-    if mended.faults.is_solid:
-        lines.append(CONCERNED)
-    world, planning_map = "as it is", "the map as it is"
-    if mended.source is not None:
-        free, occupied = mended.source.corrected_thresholds
-        planning_map = f"map.yaml, which has free_thresh {free:g} and occupied_thresh {occupied:g}"
-        world = "as its greys are meant"
-        if np.array_equal(*(grid.cells == OCCUPIED for grid in (mended.grid, mended.filter_map))):
+def repair_report(repaired_map: RepairedMap) -> str:
+    """Return the repairs, and the verdicts of simulated drives, as text."""
+    lines = [repaired_map.faults.report()]
+    if not repaired_map.n_changed:
+        return "\n".join([*lines, "Nothing to repair."])
+    if repaired_map.faults.is_solid:
+        lines.append(AFFECTED_FILTERS)
+    world, planning_map = "the original map", "the original map"
+    if repaired_map.source is not None:
+        free, occupied = repaired_map.source.corrected_thresholds
+        planning_map = f"map.yaml (free_thresh {free:g}, occupied_thresh {occupied:g})"
+        world = "the corrected map"
+        if np.array_equal(
+            *(grid.cells == OCCUPIED for grid in (repaired_map.grid, repaired_map.filter_map))
+        ):
             lines.append(
-                "no wall is another: a filter that knows its place gains nothing; plans do"
+                "The walls are unchanged: the correction helps planning, not a localized filter."
             )
     lines.append(
-        f"{mended.n_changed:,} cells are other ones for the filter; plan on {planning_map}"
+        f"{repaired_map.n_changed:,} cells differ in the filter's map. Plan on {planning_map}."
     )
-    if mended.undriven:
-        return "\n".join([*lines, f"no verdict by drives: {mended.undriven}"])
+    if repaired_map.no_verdict_reason:
+        return "\n".join([*lines, f"No simulated drives: {repaired_map.no_verdict_reason}"])
     lines += [
-        str(mended.table()),
-        f"simulated drives in the map {world} [95 %]; error ratio: repaired over as is",
+        str(repaired_map.table()),
+        f"Simulated drives in {world}, 95 % intervals. Error ratio: repaired over original map.",
     ]
     return "\n".join(lines)
 
@@ -181,30 +182,29 @@ def repair(
     robot: Robot | None = None,
     *,
     source: MapSource | None = None,
-    paths: int = PATHS,
-    drives: int = DRIVES,
+    paths: int = N_PATHS,
+    drives: int = N_DRIVES,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> RepairedMap:
-    """Mend a map for the filter: hollow solid walls, and erase specks; drives judge it.
+    """Repair a map for the filter: hollow solid walls, erase specks, and simulate the effect.
 
-    Where dark greys of the file seem to be walls, or map_saver's grey is read as free, the map is
-    read as it is meant, by other thresholds.
-
-    The robot drives in this map. Its filter has the map as it is or the mended one, and so has
-    Nav2's AMCL with its defaults. The n-th drives of both have the same world and seed.
+    If dark greys of the file seem to be walls, or map_saver's grey is read as free, the thresholds
+    are corrected first. The robot then drives in the corrected map, with the original and with the
+    repaired map for its filter, and for Nav2's default AMCL. The n-th drives with both maps have
+    the same world and seed.
 
     Parameters
     ----------
     grid : OccupancyGrid
-        The map, which stays the one for planning.
+        The map, which stays the map for planning.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round.
     source : MapSource, optional
-        How its pixels were read, see `locplan.maps.read_map`, of which faults are told, too.
+        The map's file and thresholds, see `locplan.maps.read_map`; needed to find their faults.
     paths : int, default 5
-        Number of random shortest paths of the verdict, 1 to 1000.
+        Number of random shortest paths for the drives, 1 to 1000.
     drives : int, default 8
         Number of drives along each, with each map and filter, 2 to 100,000.
     seed : int, default 1
@@ -217,18 +217,18 @@ def repair(
     Returns
     -------
     RepairedMap
-        The map for the filter, and the verdict; `save` writes them with what Nav2 needs.
+        The map for the filter, and the verdict; `save` writes both and files for Nav2.
 
     Raises
     ------
     LocplanError
-        If a number is out of its range, or the map is a mask for a costmap filter. Where the robot
-        can drive nowhere, there is no verdict.
+        If a number is out of its range, or the map is a mask for a costmap filter. If the robot
+        fits nowhere, the result has no verdict instead.
 
     Examples
     --------
     >>> from locplan.maps import environments
-    >>> mend(environments.make("two_corridors", resolution=0.1)).changed
+    >>> repair(environments.make("two_corridors", resolution=0.1)).changed
     0
     """
     check_drives(drives)
@@ -269,7 +269,7 @@ def repair(
 
 
 def _plan_random_paths(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:
-    """Shortest paths between random places, far apart where the map has such."""
+    """Plan shortest paths between random places, as far apart as the map allows."""
     costs = Costmap.blank(grid, robot=robot)
     for distance in DISTANCES:
         try:
@@ -283,29 +283,29 @@ def _plan_random_paths(grid: OccupancyGrid, robot: Robot, count: int, seed: int)
     return {name: path for name, path in path_pairs if path is not None}
 
 
-def _make_verdict(name: str, as_is: Sequence[Drives], mended: Sequence[Drives]) -> MapVerdict:
-    """The verdict of the drives along all paths together."""
-    comparison = compare_drives(DriveSet.from_drives(as_is), DriveSet.from_drives(mended))
+def _make_verdict(name: str, as_is: Sequence[Drives], repaired: Sequence[Drives]) -> MapVerdict:
+    """Return the verdict on the drives along all paths together."""
+    comparison = compare_drives(DriveSet.from_drives(as_is), DriveSet.from_drives(repaired))
     return MapVerdict(name, *comparison.lost, comparison.ratio, comparison.word)
 
 
-def check_concerned(parameters: FilePath | None) -> None:
-    """Raise a ConfigError if Nav2's parameters have AMCL cast rays, which no black misleads.
+def check_repair_helps(parameters: FilePath | None) -> None:
+    """Raise a ConfigError if AMCL uses the beam model, which solid walls do not mislead.
 
     Parameters
     ----------
     parameters : path, optional
-        File of Nav2's parameters; without it AMCL has its defaults, and is concerned.
+        File of Nav2's parameters; without it AMCL has its defaults, which need the repair.
     """
     if read_parameters(parameters).read_node_parameters("amcl").get("laser_model_type") == "beam":
         raise ConfigError(
-            f"{parameters}: not concerned: AMCL's beam model casts rays, which end at the first"
-            " black cell, so that the inside of walls does not mislead it"
+            f"{parameters}: AMCL's beam model needs no repaired map. Its rays end at the first"
+            " black cell, so solid walls do not mislead it. Keep using the original map"
         )
 
 
 def format_solid_wall_warning(grid: OccupancyGrid) -> str | None:
-    """Say in a sentence that a filter gets lost on a map, and that it can be mended; else None.
+    """Return the warning that solid walls mislead the filter; None without solid walls.
 
     Parameters
     ----------
@@ -315,6 +315,6 @@ def format_solid_wall_warning(grid: OccupancyGrid) -> str | None:
     if not measure_solidity(grid).is_solid:
         return None
     return (
-        f"{grid.name or 'the map'}: walls are black inside, so that AMCL's particles gain by"
-        " standing in them; run locplan repair first, and give its map_amcl.yaml as --filter-map"
+        f"{grid.name or 'the map'}: the map has solid walls, which make AMCL lose the robot. Run"
+        " `locplan repair` and pass its map_amcl.yaml as --filter-map"
     )

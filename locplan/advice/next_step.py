@@ -1,4 +1,4 @@
-"""The one thing to do after a check."""
+"""The next step after a check: a sentence, commands, and files."""
 
 from __future__ import annotations
 
@@ -10,28 +10,36 @@ from locplan._support.intervals import format_metres
 from locplan._support.runs import get_command_line
 from locplan.advice.check_result import Check
 from locplan.advice.files import Params, as_files, has_amcl
-from locplan.advice.fixes import CHEAP, LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
+from locplan.advice.fixes import (
+    CHEAP,
+    CORRECTED_MAP,
+    FULL_RANGE,
+    LANDMARKS,
+    PATHS,
+    REPAIRED_MAP,
+    SETTINGS,
+)
 from locplan.advice.rates import is_better, is_rare
 
 HALF = 0.5
 """Share of lost drives that is still a failure."""
 
 
-class Action(NamedTuple):
-    """The one thing to do next."""
+class NextAction(NamedTuple):
+    """The next step: a sentence, commands, and files."""
 
     sentence: str
-    """What to do."""
+    """The instruction."""
     command: str
     """Commands to copy, a line each; empty without one."""
     files: dict[str, str]
-    """The files that are written for it, and what each is."""
+    """Purpose of each file that the step needs, by its name."""
 
 
-def next_action(
+def choose_next_action(
     check: Check, folder: Folder | None = None, params: Params = (), *_: object
-) -> Action:
-    """Return the one thing to do next.
+) -> NextAction:
+    """Return the next step after a check.
 
     Parameters
     ----------
@@ -40,35 +48,36 @@ def next_action(
     folder : path, optional
         The folder that its files are in.
     params : path or sequence of path, default ()
-        The user's parameters of Nav2, of which a copy was changed; without AMCL's only a section is
-        written.
+        The user's Nav2 parameters. Without an amcl section, the check writes only that section.
     """
     if check.is_fine:
-        return Action(_describe_no_action(check), "", {})
+        return NextAction(_describe_no_action(check), "", {})
     map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
     repeat_command = get_command_line() or ["locplan", "check", map_file]
     if check.recommended and folder is None:
         titles = " and ".join(fix.title for fix in check.recommended_fixes)
         command = shlex.join([*repeat_command, "-o", "report"])
-        return Action(f"write the files for {titles}:", command, check.list_written_files(params))
+        return NextAction(
+            f"write the files for {titles}:", command, check.list_written_files(params)
+        )
     if check.recommended and folder:
         commands = _make_commands(check, folder, repeat_command, map_file, params)
         doing = " and ".join(_list_instructions(check, folder, params))
         then = ", then check again" if "locplan check" in commands else ""
-        return Action(f"{doing}{then}:", commands, check.list_written_files(params))
+        return NextAction(f"{doing}{then}:", commands, check.list_written_files(params))
     if check.passage:
-        return Action(*_correct_footprint(check, repeat_command), {})
-    return Action(*_try_further(check, repeat_command, map_file), {})
+        return NextAction(*_correct_footprint(check, repeat_command), {})
+    return NextAction(*_try_further(check, repeat_command, map_file), {})
 
 
 def remaining_text(check: Check) -> str:
-    """Describe what the recommended fixes leave; empty if nothing is left or recommended."""
+    """Return the sentence on failures that remain with the fixes; empty if none remain."""
     if not check.recommended:
         return ""
     if not any(map(is_better, check.recommended_fixes)):
-        if WALLS in check.recommended:
-            return "The map file is wrong, though drives do not show that it matters much."
-        return "A recording shows that the settings help, simulated drives do not."
+        if CORRECTED_MAP in check.recommended:
+            return "The map file is wrong, but simulated drives are not better with the correction."
+        return "The settings help on the recording, but not in simulated drives."
     if is_rare(check.after.lost):
         return ""
     share = "Most" if check.after.lost.value >= HALF else "Some"
@@ -78,7 +87,7 @@ def remaining_text(check: Check) -> str:
 
 
 def _describe_no_action(check: Check) -> str:
-    """Return the sentence for a robot that rarely fails, and for which no fix is needed."""
+    """Return the sentences for a robot that rarely fails."""
     rare = ": failures are rare, and no fix helps" if check.baseline.has_failure else ""
     sentences = [f"Nothing to do{rare}."]
     cheap = [fix for fix in check.fixes if is_better(fix) and fix.kind in CHEAP]
@@ -89,21 +98,21 @@ def _describe_no_action(check: Check) -> str:
         sentences.append(f"{title}{detail} would lower the error from {now} to {then}.")
     if check.effort == "quick":
         max_loss = 100 * check.baseline.lost.high
-        sentences.append(f"A quick check may miss a loss of up to {max_loss:.0f} %.")
+        sentences.append(f"A quick check cannot exclude a loss rate of up to {max_loss:.0f} %.")
     return " ".join(sentences)
 
 
 def _list_instructions(check: Check, folder: Folder, params: Params) -> list[str]:
-    """Return what to do for each recommended fix; one parameter file may hold two fixes."""
+    """Return the instructions of the recommended fixes; two fixes may share a file."""
     file = folder / "nav2_params.yaml"
     parameters = f"copy the amcl section of {file} into your parameters"
     kinds = {fix.kind for fix in check.recommended_fixes}
-    if {REACH, SETTINGS} & kinds and has_amcl(as_files(params)):
+    if {FULL_RANGE, SETTINGS} & kinds and has_amcl(as_files(params)):
         parameters = f"start Nav2 with {file}"
     texts = {
-        WALLS: f"use {folder / 'map.yaml'} as the map",
-        MEND: "give AMCL the repaired map (the line in amcl.yaml)",
-        REACH: parameters,
+        CORRECTED_MAP: f"use {folder / 'map.yaml'} as the map",
+        REPAIRED_MAP: "give AMCL the repaired map (the line in amcl.yaml)",
+        FULL_RANGE: parameters,
         SETTINGS: parameters,
     }
     for fix in check.recommended_fixes:
@@ -115,27 +124,27 @@ def _list_instructions(check: Check, folder: Folder, params: Params) -> list[str
 
 
 def _correct_footprint(check: Check, repeat_command: list[str]) -> tuple[str, str]:
-    """Return what to do if robots fail with perfect localization, and the command for it."""
-    passage, robot = check.passage, check.site.robot
+    """Return instruction and command if drives fail even with perfect localization."""
+    passage, robot = check.passage, check.scenario.robot
     widen = "widen the passage, or " if passage and passage.is_narrow else ""
     if robot.outline is not None:
         sentence = f"{widen}correct the outline in the robot's file, then check again:"
         return sentence, shlex.join(repeat_command)
     command = [word for word in repeat_command if not word.startswith("--set=footprint=")]
     return (
-        f"{widen}give the robot's true radius, now {robot.footprint:g} m, and check again:",
+        f"{widen}correct the robot's radius (now {robot.footprint:g} m), then check again:",
         shlex.join([*command, f"--set=footprint={robot.footprint:g}"]),
     )
 
 
 def _try_further(check: Check, repeat_command: list[str], map_file: str) -> tuple[str, str]:
-    """Return what to do if no fix is better, and the command for it."""
+    """Return instruction and command if no fix is better."""
     if check.effort == "quick":
         return (
-            "no fix helps so far. Try other paths and poles, on three times as many drives:",
+            "no fix helps so far. Try other paths and poles with three times as many drives:",
             shlex.join([word for word in repeat_command if word != "--effort=quick"]),
         )
-    if check.recorded:
+    if check.recording_sentences:
         drive = [
             word.partition("=")[2] for word in repeat_command if word.startswith("--recording=")
         ]
@@ -150,42 +159,47 @@ def _try_further(check: Check, repeat_command: list[str], map_file: str) -> tupl
 def _make_commands(
     check: Check, folder: Folder, repeat_command: list[str], map_file: str, params: Params
 ) -> str:
-    """Return commands that put the fixes in force, or check that they help, a line each."""
+    """Return the commands that apply the fixes or check them again, a line each."""
     kinds, absolute_folder = {*check.recommended}, folder.resolve()
     lines = []
     mask, params = bool(check.artifacts.get(PATHS)), as_files(params)
-    # Before Nav2, which waits for its maps.
-    for place, is_needed in ((absolute_folder, MEND in kinds), (absolute_folder / "mask", mask)):
+    # The map servers come before Nav2, which waits for its maps.
+    for place, is_needed in (
+        (absolute_folder, REPAIRED_MAP in kinds),
+        (absolute_folder / "mask", mask),
+    ):
         if is_needed:
             lines.append(["ros2", "launch", str(place / "localizability.launch.xml")])
-    if {WALLS, LANDMARKS} & kinds:
+    if {CORRECTED_MAP, LANDMARKS} & kinds:
         name = "map_with_landmarks.yaml" if LANDMARKS in kinds else "map.yaml"
         map_file = str(absolute_folder / name)
     arguments = [f"map:={map_file}"]
-    settings = {REACH, SETTINGS} & kinds and has_amcl(params)
+    settings = {FULL_RANGE, SETTINGS} & kinds and has_amcl(params)
     changed = str(absolute_folder / "nav2_params.yaml") if settings else ""
     if mask and params:  # which has the other changes, too
         parameter_name = "nav2.yaml" if changed or len(params) == 1 else "merged.yaml"
         changed = str(absolute_folder / "mask" / parameter_name)
     if changed:
         arguments.append(f"params_file:={changed}")
-    if len(arguments) > 1 or {WALLS, LANDMARKS} & kinds:
+    if len(arguments) > 1 or {CORRECTED_MAP, LANDMARKS} & kinds:
         lines.append(["ros2", "launch", "nav2_bringup", "bringup_launch.py", *arguments])
     if PATHS in kinds and not mask:
         paths = [f"--path={absolute_folder / name}" for name in check.changed_paths]
         to = ["--to", "nav2-routes", *paths, "-o", str(absolute_folder / "routes")]
         lines.append(["locplan", "export", map_file, *to])
-    if len(arguments) == 1 and not {WALLS, LANDMARKS, PATHS} & kinds:
-        # The user merges the lines of these files by hand, and can check before what they do.
+    if len(arguments) == 1 and not {CORRECTED_MAP, LANDMARKS, PATHS} & kinds:
+        # The user copies the lines of these files by hand, and can check them before.
         repeat_command = [
-            word for word in repeat_command if MEND not in kinds or "--filter-map" not in word
+            word
+            for word in repeat_command
+            if REPAIRED_MAP not in kinds or "--filter-map" not in word
         ]
         file_options = {
-            MEND: ("--filter-map", "map_amcl.yaml"),
+            REPAIRED_MAP: ("--filter-map", "map_amcl.yaml"),
             SETTINGS: ("--robot", "nav2_params.yaml"),
         }
         for fix, (option, name) in file_options.items():
-            if fix in kinds or (fix == SETTINGS and REACH in kinds):
+            if fix in kinds or (fix == SETTINGS and FULL_RANGE in kinds):
                 repeat_command += [option, str(folder / name)]
         lines.append(repeat_command)
     return "\n".join(map(shlex.join, lines))

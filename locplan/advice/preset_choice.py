@@ -1,6 +1,6 @@
-"""The choice among the presets of AMCL's settings, by simulated drives or by recorded ones.
+"""Choice among the presets of AMCL's settings, by simulated or recorded drives.
 
-`check` and `tune` both choose with `choose_preset`. They differ in the paths that are driven.
+`check` and `tune` both use `choose_preset`, on different paths.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from locplan.simulation.levels import NO_FAULT
 from locplan.simulation.verdict import BETTER, WORSE, DriveSet, Verdict, compare_drives
 
 USER_SETTINGS, BASELINE = "your settings", "baseline"
-"""Name of the user's settings, which may be Nav2's defaults, and their word in tables."""
+"""Name of the user's settings, and their verdict in tables."""
 LEVEL_DRIVES = 64
-"""Least number of drives at each level, if fewer do not decide it.
+"""Minimum number of drives at each level, unless fewer decide.
 
-A preset that is off at the end in 16 of 100 drives more is found in 88 %, one of 11 in 55 %, and
-one of 6 in 8 %."""
-RESULTS = (
+A preset with 16 points more drives off at the end is detected in 88 % of cases, with 11 points more
+in 55 %, and with 6 points more in 8 %."""
+RESULT_COLUMNS = (
     Column("settings", title="settings"),
     Column("case", title="drives"),
     Column("error", "m", "error", interval=True),
@@ -48,12 +48,12 @@ class LevelCase:
     """Simulated drives with any settings at one level of disturbance."""
 
     name: str
-    """Name of the level, behind that of the map if there are several."""
+    """Name of the level, after the map's name if there are several maps."""
     drive: Callable[[Amcl, range], DriveSet]
-    """Drives with settings and of some numbers along each path. Drives in the same place of two
-    sets have the same world and the same random numbers."""
+    """Simulates drives of some numbers along each path. Drives at the same index of two sets have
+    the same world and random numbers."""
     looks: tuple[int, ...]
-    """Numbers of drives along each path after which a level may be decided, the last one at all."""
+    """Numbers of drives along each path at the interim looks and at the last look."""
     fault: str = ""
     """The fault of the level in words, such as "odometry stands still over 2 m"; empty at the usual
     level. There presets must be better, and at others they must do no harm."""
@@ -77,7 +77,7 @@ class RecordedCase(Protocol):
 
 @dataclass(frozen=True)
 class CaseResult:
-    """The drives with some settings in one case."""
+    """Results of one setting in one case."""
 
     settings: str
     """"your settings", "safe" or "precise"."""
@@ -92,13 +92,13 @@ class CaseResult:
     n_drives: int
     """Number of drives, or of runs on a recording."""
     verdict: str = ""
-    """Verdict on a preset against the user's settings, which are the baseline; on a recording,
-    confirmed or contradicted. Empty if the user's settings were not driven."""
+    """Verdict on a preset against the user's settings, the baseline; on a recording, confirmed or
+    contradicted. Empty if the user's settings were not simulated."""
 
 
 @dataclass(frozen=True)
 class PresetChoice:
-    """The settings to use, and the drives that chose them."""
+    """The recommended settings, and the drives that support them."""
 
     user_settings: Amcl
     """The user's settings."""
@@ -107,13 +107,11 @@ class PresetChoice:
     results: tuple[CaseResult, ...]
     """The drives with each settings, case by case."""
     verdicts: Mapping[str, Verdict]
-    """Verdict on each preset at the usual level, by its name, if it was simulated: a preset that a
-    recording contradicts is not."""
+    """Verdict on each simulated preset at the usual level, by its name."""
     objections: Mapping[str, str]
-    """Why presets are not to be used, by name, in a sentence without a full stop."""
+    """Reason against each rejected preset, by its name, without a full stop."""
     cost_ratio: float
-    """Beams that the settings to use compare, over those of the user's settings. The CPU time of
-    the filter follows it."""
+    """Ratio of compared beams to the user's settings, which the filter's CPU time follows."""
     recordings: tuple[str, ...] = ()
     """Names of the recordings that decided; empty if simulated drives did."""
 
@@ -124,12 +122,12 @@ class PresetChoice:
 
     @property
     def is_preset(self) -> bool:
-        """True if a preset is to be used, and not the user's settings."""
+        """True if a preset is recommended."""
         return self.name != USER_SETTINGS
 
     @property
     def untested_error(self) -> float | None:
-        """Simulated error of the precise preset [m] if only a recording is missing to use it."""
+        """Simulated error of the precise preset [m] if it only lacks a recording, or None."""
         if self.recordings or self.name == PRECISE or PRECISE not in self.verdicts:
             return None
         errors = {
@@ -142,7 +140,7 @@ class PresetChoice:
 
     @property
     def changes(self) -> str:
-        """The changes of the preset to use, and what they cost; empty without one."""
+        """Changes and CPU cost of the recommended preset; empty without one."""
         if not self.is_preset:
             return ""
         is_costly = self.cost_ratio >= 1.05
@@ -151,12 +149,12 @@ class PresetChoice:
 
     @property
     def title(self) -> str:
-        """The settings to use, with what they change and what they cost."""
+        """The recommended settings with their changes and cost."""
         return f"{self.name}: {self.changes}" if self.is_preset else self.name
 
     @property
     def hardest_level(self) -> str:
-        """The rates of both settings at the fault with which drives are most often off at the end.
+        """Sentence on the level with most drives off at the end, for both settings.
 
         Empty if the user's settings stay, if no drive is off, or if recordings decided.
         """
@@ -179,7 +177,7 @@ class PresetChoice:
         return f"Level {hardest.case}: {rates} {baseline[0] if baseline else 'not driven'}."
 
     def advise_recording(self, command: Sequence[str]) -> str:
-        """Return the advice to test the precise preset on a recording; empty if there is no reason.
+        """Return the advice to test the precise preset on a recording, or an empty text.
 
         Parameters
         ----------
@@ -189,15 +187,14 @@ class PresetChoice:
         if self.untested_error is None:
             return ""
         return (
-            f"Precise settings reach {format_metres(self.untested_error)}, but a robot that gets"
-            " lost"
-            " with them does not return. Test them on a recorded drive:"
+            f"Precise settings lower the error to {format_metres(self.untested_error)}, but a robot"
+            " that gets lost with them rarely recovers. Test them on a recorded drive:"
             f" `{shlex.join([*command, '--recording', 'FILE'])}`"
         )
 
     def table(self) -> Table:
-        """The drives with each settings, a row per case."""
-        return Table.from_records(RESULTS, self.results)
+        """Return the table of all settings, a row per case."""
+        return Table.from_records(RESULT_COLUMNS, self.results)
 
     def describe_table(self, seed: int) -> str:
         """Return the sentences that explain the table.
@@ -215,15 +212,14 @@ class PresetChoice:
                 " The recording decides."
             )
         return (
-            f"Lost: {OFF} at some time. The usual level decides. At every other level"
-            " the safe preset must not be off at the end significantly more often than"
-            f" {USER_SETTINGS}, and"
-            " the precise one only rarely."
+            f"Lost: {OFF} at some time. The usual level decides. At every further level the safe"
+            f" preset must not be off at the end significantly more often than {USER_SETTINGS}, and"
+            " the precise preset only rarely."
         )
 
 
-def choice_values(choice: PresetChoice) -> dict[str, object]:
-    """Return a choice in numbers, fit for JSON.
+def summarize_choice(choice: PresetChoice) -> dict[str, object]:
+    """Return a choice as plain data for JSON.
 
     Parameters
     ----------
@@ -244,7 +240,7 @@ def choice_values(choice: PresetChoice) -> dict[str, object]:
 def choose_preset(
     user_settings: Amcl,
     cases: Sequence[LevelCase],
-    lines: Sequence[Poses],
+    driven_poses: Sequence[Poses],
     recordings: Sequence[RecordedCase] = (),
     *,
     are_recordings_sound: bool = True,
@@ -253,26 +249,26 @@ def choose_preset(
 ) -> PresetChoice:
     """Choose among the presets: the precise one, the safe one, or the user's settings.
 
-    Without a recorded drive, a preset must be better at the usual level and do no harm at the
-    others: with the safe preset drives are not off at the end significantly more often than with
-    the user's settings, with the precise one only rarely. Small harm passes, see `LEVEL_DRIVES`.
-    A recorded drive decides if there is one, whatever happens at other levels in simulation.
+    Without a recorded drive, a preset must be better at the usual level and do no harm at further
+    levels: the safe preset must not be off at the end significantly more often than the user's
+    settings, and the precise preset only rarely. Small harm passes, see `LEVEL_DRIVES`. A recorded
+    drive decides instead of the further levels.
 
     Parameters
     ----------
     user_settings : Amcl
         The user's settings.
-    cases : sequence of Case
-        The levels of disturbance, the usual one first; all are driven only without a recording.
-    lines : sequence of (n, 3) array
-        Poses of drives, by which the CPU time of settings is compared [m, m, rad].
+    cases : sequence of LevelCase
+        The levels of disturbance, the usual one first; with a recording only this one is simulated.
+    driven_poses : sequence of (n, 3) array
+        Poses of drives, for the comparison of CPU times [m, m, rad].
     recordings : sequence of RecordedCase, default ()
-        Recorded drives on which the settings are replayed.
+        Recorded drives for replays of the settings.
     are_recordings_sound : bool, default True
-        Whether odometry, map and scans of all recordings agree. Otherwise the precise preset, which
-        trusts odometry and map, is not to be used.
+        True if odometry, map and scans of all recordings agree. Otherwise the precise preset is
+        rejected, since it trusts odometry and map.
     drives_all : bool, default True
-        True drives all settings at all levels, for the table; False only those that decide.
+        True simulates all settings at all levels, for the table; False stops at the decision.
     progress : callable, optional
         Called with (done, total) settings and cases.
 
@@ -291,17 +287,17 @@ def choose_preset(
         if name == PRECISE and not are_recordings_sound:
             objection = f"{name} settings need a recording whose odometry and map fit the scans"
         elif recordings:
-            objection = trial.object_on_recordings(name)
+            objection = trial.find_recording_objection(name)
         else:
-            objection = trial.object_at_levels(name)
+            objection = trial.find_level_objection(name)
         if not objection:
-            return trial.choose(name, lines)
+            return trial.make_choice(name, driven_poses)
         trial.objections[name] = objection
-    return trial.choose(USER_SETTINGS, lines)
+    return trial.make_choice(USER_SETTINGS, driven_poses)
 
 
 class _PresetTrial:
-    """The drives of one choice; each settings is driven only once in a case."""
+    """Runner of the drives of one choice; it caches the drives of each setting and case."""
 
     def __init__(
         self,
@@ -319,7 +315,7 @@ class _PresetTrial:
         self._recordings = recordings
         self._drive_sets = defaultdict[tuple[str, str], list[DriveSet]](list)  # up to each look
         self._drives_all = drives_all
-        self._replayed = dict[tuple[str, str], Drives]()
+        self._replays = dict[tuple[str, str], Drives]()
         self._verdicts = dict[str, Verdict]()
         self._progress = progress
         n_cases = len(self._base_cases) + len(recordings or self._fault_cases)
@@ -328,7 +324,7 @@ class _PresetTrial:
     def compare_at_usual_level(self, name: str) -> None:
         """Compare a preset with the user's settings in all cases of the usual level together.
 
-        A preset that does not lead at an earlier look is not driven further.
+        A preset that does not lead at an interim look is stopped.
         """
         last = max(len(case.looks) for case in self._base_cases)
         for n_looks in range(last if self._drives_all else 1, last + 1):
@@ -339,19 +335,19 @@ class _PresetTrial:
             baseline, alternative = (DriveSet.join(sets) for sets in zip(*pairs, strict=True))
             if is_futile(baseline, alternative):
                 break
-        # Both presets share the error probability. A look that only ends drives spends none of it.
+        # Both presets share the error probability. Looks that only stop drives spend none of it.
         self._verdicts[name] = compare_drives(
             baseline, alternative, looks_left=None, n_alternatives=len(self.presets)
         )
 
     def drive_all(self) -> None:
-        """Drive all settings in all cases."""
+        """Simulate all settings in all cases."""
         for case in (*self._base_cases, *self._fault_cases):
             for name in self._settings:
                 self._drive(name, case)
 
-    def object_at_levels(self, name: str) -> str:
-        """Return why simulated drives speak against a preset; empty if they do not."""
+    def find_level_objection(self, name: str) -> str:
+        """Return the reason of simulated drives against a preset; empty without one."""
         base_verdict = self._verdicts[name]
         if base_verdict.word != BETTER:
             return f"{name} settings are not better than {USER_SETTINGS}: {base_verdict.word}"
@@ -361,10 +357,7 @@ class _PresetTrial:
         return next(filter(None, (self._find_harm(name, case) for case in self._fault_cases)), "")
 
     def _find_harm(self, name: str, case: LevelCase) -> str:
-        """Return the harm that a preset does at a level; empty if it does none.
-
-        Drives end as soon as that is known.
-        """
+        """Return the harm of a preset at a level, from as few drives as possible; or empty."""
         for n_looks in self._looks_at(case):
             drives = self._drive(name, case, n_looks)
             if drives.is_rarely_off:
@@ -392,10 +385,10 @@ class _PresetTrial:
         return ""
 
     def _looks_at(self, case: LevelCase) -> Iterator[int]:
-        """Yield the numbers of looks after which a level may be decided."""
+        """Yield the numbers of looks at which a level may be decided."""
         yield from range(len(case.looks) if self._drives_all else 1, len(case.looks) + 1)
 
-    def object_on_recordings(self, name: str) -> str:
+    def find_recording_objection(self, name: str) -> str:
         """Return why recorded drives, or then simulated ones, speak against a preset."""
         for recording in self._recordings:
             before, after = (
@@ -408,18 +401,18 @@ class _PresetTrial:
             return f"{name} settings are worse than {USER_SETTINGS} in simulation"
         return ""
 
-    def choose(self, name: str, lines: Sequence[Poses]) -> PresetChoice:
+    def make_choice(self, name: str, lines: Sequence[Poses]) -> PresetChoice:
         """Return the choice of some settings with all that was driven."""
         results = [
-            self._result(settings, case)
+            self._make_result(settings, case)
             for case in (*self._base_cases, *self._fault_cases)
             for settings in self._settings
             if (settings, case.name) in self._drive_sets
         ] + [
-            self._result_on_recording(settings, recording.name)
+            self._make_recording_result(settings, recording.name)
             for recording in self._recordings
             for settings in self._settings
-            if (settings, recording.name) in self._replayed
+            if (settings, recording.name) in self._replays
         ]
         if self._progress:
             self._progress(self._n_steps, self._n_steps)
@@ -445,20 +438,20 @@ class _PresetTrial:
 
     def _replay(self, name: str, recording: RecordedCase) -> Drives:
         key = name, recording.name
-        if key not in self._replayed:
-            self._replayed[key] = recording.replay(self._settings[name])
+        if key not in self._replays:
+            self._replays[key] = recording.replay(self._settings[name])
             self._report_step()
-        return self._replayed[key]
+        return self._replays[key]
 
     def _report_step(self) -> None:
         if self._progress:
-            self._progress(len(self._drive_sets) + len(self._replayed), self._n_steps)
+            self._progress(len(self._drive_sets) + len(self._replays), self._n_steps)
 
     def _compare(self, name: str, case: LevelCase, n_looks: int | None = None) -> Verdict:
         sets = (self._drive(settings, case, n_looks) for settings in (USER_SETTINGS, name))
         return compare_drives(*sets, looks_left=len(case.looks) - n_looks if n_looks else 0)
 
-    def _result(self, name: str, case: LevelCase) -> CaseResult:
+    def _make_result(self, name: str, case: LevelCase) -> CaseResult:
         drives = DriveSet.join(self._drive_sets[name, case.name])
         n_looks = min(
             len(self._drive_sets.get((settings, case.name), ()))
@@ -473,10 +466,10 @@ class _PresetTrial:
         rates = drives.error, drives.lost_rate, drives.off_at_end_rate
         return CaseResult(name, case.name, *rates, len(drives.lost), word)
 
-    def _result_on_recording(self, name: str, recording: str) -> CaseResult:
+    def _make_recording_result(self, name: str, recording: str) -> CaseResult:
         runs, before = (
-            self._replayed[name, recording],
-            self._replayed.get((USER_SETTINGS, recording)),
+            self._replays[name, recording],
+            self._replays.get((USER_SETTINGS, recording)),
         )
         if name == USER_SETTINGS:
             word = BASELINE
@@ -487,12 +480,12 @@ class _PresetTrial:
 
 
 def find_objection(before: Drives, after: Drives) -> str:
-    """Return why settings must not be used that were replayed on a recording; empty if they may.
+    """Return the reason of a replay against settings; empty without one.
 
     Parameters
     ----------
     before, after : Drives
-        Replays of the whole recording with the user's settings, and with the others.
+        Replays of the whole recording with the user's settings, and with new settings.
     """
     if after.off_at_end.any():
         return f"{after.off_at_end.sum()} of {len(after.errors)} runs are off at the end"
@@ -509,7 +502,7 @@ def find_objection(before: Drives, after: Drives) -> str:
 
 
 def _compute_cost_ratio(before: Amcl, after: Amcl, lines: Sequence[Poses]) -> float:
-    """Return the beams that settings compare along some lines over those of others."""
+    """Return the ratio of beams that two settings compare along the same poses."""
     beams = [
         amcl.max_beams
         * sum(len(find_update_poses(line, amcl.update_min_d, amcl.update_min_a)) for line in lines)

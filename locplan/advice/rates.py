@@ -11,26 +11,26 @@ import numpy as np
 
 from locplan._support.intervals import Interval, compute_wilson_interval
 from locplan._support.kernels.arrays import Floats
-from locplan.advice.fixes import CHEAP, KINDS, SETTINGS, WALLS
-from locplan.advice.trials import Outcome
+from locplan.advice.fixes import CHEAP, CORRECTED_MAP, KINDS, SETTINGS
+from locplan.advice.trials import RouteDrives
 from locplan.planning.path import Path
 from locplan.simulation.arrivals import ARRIVED, FOLLOWER, WORLD, Arrivals
 from locplan.simulation.verdict import BETTER
 
-RARE = 0.01
-"""Rate of lost drives that needs no fix, unless it is surely larger."""
-MISSED = 0.03
-"""The same of closed-loop drives that miss the goal because of localization."""
-LARGE = 0.25
-"""Error of a typical drive from which on a fix may lower it though no drive is lost [m]."""
-MODERATE = 0.1
-"""The same of other AMCL settings, which take a parameter file only."""
-NOTHING = Interval(math.nan, math.nan, math.nan)
+MAX_LOST_RATE = 0.01
+"""Loss rate that needs no fix; a higher rate counts if its whole interval is above."""
+MAX_MISSED_RATE = 0.03
+"""The same for closed-loop drives that miss the goal because of localization."""
+LARGE_ERROR = 0.25
+"""Typical error above which a fix may be recommended although no drive is lost [m]."""
+MODERATE_ERROR = 0.1
+"""The same for AMCL settings, which only take a parameter file [m]."""
+UNKNOWN_RATE = Interval(math.nan, math.nan, math.nan)
 
 
 def is_rare(lost: Interval) -> bool:
-    """True if drives may be lost so rarely that no fix is needed."""
-    return lost.low <= RARE
+    """True if the loss rate may be low enough to need no fix."""
+    return lost.low <= MAX_LOST_RATE
 
 
 @dataclass(frozen=True)
@@ -43,18 +43,19 @@ class DriveRates:
     """Share of the open-loop drives that were lost, 0..1."""
     error: Interval
     """Error of a typical open-loop drive: geometric mean of the RMSE of the position [m]."""
-    off_at_end: Interval = NOTHING
+    off_at_end: Interval = UNKNOWN_RATE
     """Share of the open-loop drives that are off at the end, 0..1."""
     n_closed: int = 0
     """Number of closed-loop drives."""
-    reached: Interval = NOTHING
+    reached: Interval = UNKNOWN_RATE
     """Share of the closed-loop drives that reach the goal, the mean over the routes, 0..1; NaN
     without any."""
-    missed: Interval = NOTHING
-    """Share of those that do not, and would with perfect localization, 0..1; NaN without any."""
+    missed: Interval = UNKNOWN_RATE
+    """Share of the closed-loop drives that miss the goal because of localization, 0..1; NaN
+    without any."""
     endings: Mapping[str, int] = field(default_factory=dict)
-    """Number of the closed-loop drives that do not reach the goal by how they end: "elsewhere",
-    "aborted", "timed out", or with perfect localization, too, "follower" or "world"."""
+    """Number of failed closed-loop drives by their ending: "elsewhere", "aborted", "timed out"; or
+    "follower" or "world", which fail even with perfect localization."""
 
     @property
     def has_failure(self) -> bool:
@@ -67,30 +68,30 @@ class DriveRates:
         return self.lost.value > 0 or self.missed.value > 0
 
     @property
-    def keeps_place(self) -> bool:
+    def is_reliable(self) -> bool:
         """True if drives are rarely lost, and rarely miss the goal because of localization."""
-        return is_rare(self.lost) and not self.missed.low > MISSED
+        return is_rare(self.lost) and not self.missed.low > MAX_MISSED_RATE
 
     @property
-    def fails_localized(self) -> bool:
-        """True if most of the drives that miss the goal do so with perfect localization, too."""
+    def fails_if_localized(self) -> bool:
+        """True if most failed closed-loop drives fail even with perfect localization."""
         localized = self.endings.get(FOLLOWER, 0) + self.endings.get(WORLD, 0)
         return localized >= 2 and 2 * localized >= sum(self.endings.values())
 
     @property
     def is_mostly_lost(self) -> bool:
-        """True if drives are lost at least as often as they miss the goal: the main failure."""
+        """True if getting lost is the main failure, not missing the goal."""
         return not 1 - self.reached.value > self.lost.value
 
     @property
-    def order(self) -> tuple[float, float]:
+    def failure_shares(self) -> tuple[float, float]:
         """Shares of lost drives, and of drives that miss the goal, 0..1."""
         return self.lost.value, 0.0 if math.isnan(self.reached.value) else 1 - self.reached.value
 
 
 @dataclass(frozen=True, repr=False)
 class RouteResult:
-    """The baseline's drives along one route."""
+    """Baseline results of one route."""
 
     name: str
     """Name of the route, of its start and goal."""
@@ -108,13 +109,13 @@ class RouteResult:
     """Positions where closed-loop drives end that do not reach the goal, (n, 2) [m]."""
 
     def __repr__(self) -> str:
-        lost, missed = self.rates.order
+        lost, missed = self.rates.failure_shares
         return f"RouteResult({self.name}: {lost:.0%} lost, {1 - missed:.0%} reach the goal)"
 
 
 @dataclass(frozen=True)
 class FixResult:
-    """The drives with one fix, compared with those of the baseline."""
+    """Results of one fix, compared with the baseline."""
 
     kind: str
     """"walls", "map", "range", "settings", "paths" or "landmarks"."""
@@ -123,20 +124,19 @@ class FixResult:
     detail: str
     """What exactly is changed."""
     effort: str
-    """What it takes, in words."""
+    """The work that it takes, in words."""
     verdict: str
-    """"better", "worse", "no difference" or "undecided"; of a fix that does not lead after a few
-    drives, on these."""
+    """"better", "worse", "no difference" or "undecided"; after a few drives if it did not lead."""
     rates: DriveRates
     """Rates of the drives with it."""
     gain: Interval
-    """Share of the same drives that are no longer lost, less those that newly are."""
+    """Share of drives no longer lost minus share of drives newly lost, -1..1."""
     ratio: Interval
-    """Ratio of the errors with it to those without: geometric mean."""
+    """Geometric mean of the ratio of the error with the fix to the error without it."""
     longer: float
-    """What it makes a route longer, the mean over the routes [m]."""
-    keeps_more: bool = False
-    """True if it keeps drives from getting lost, and does not lower the error alone."""
+    """Mean extra length of a route with it [m]."""
+    has_fewer_lost: bool = False
+    """True if it is better because fewer drives get lost."""
 
 
 def is_better(fix: FixResult) -> bool:
@@ -147,8 +147,9 @@ def is_better(fix: FixResult) -> bool:
 def is_helpful(fix: FixResult, baseline: DriveRates) -> bool:
     """True if a fix is worth being recommended.
 
-    A cheap fix may lower the error alone. If no drive fails because of localization, no fix is,
-    unless the error is large, or walls are not read, which planners drive through, too.
+    A cheap fix may also be recommended for a lower error. If no drive fails because of
+    localization, only fixes of a large error are helpful, and corrections of unread walls, since
+    planners would drive through them.
 
     Parameters
     ----------
@@ -157,10 +158,10 @@ def is_helpful(fix: FixResult, baseline: DriveRates) -> bool:
     baseline : DriveRates
         Drives of the baseline.
     """
-    min_error = MODERATE if fix.kind == SETTINGS else LARGE
-    if not baseline.needs_fix and baseline.error.value < min_error and fix.kind != WALLS:
+    min_error = MODERATE_ERROR if fix.kind == SETTINGS else LARGE_ERROR
+    if not baseline.needs_fix and baseline.error.value < min_error and fix.kind != CORRECTED_MAP:
         return False
-    return fix.keeps_more or (is_better(fix) and fix.kind in CHEAP)
+    return fix.has_fewer_lost or (is_better(fix) and fix.kind in CHEAP)
 
 
 def sort_routes(routes: Sequence[RouteResult], baseline: DriveRates) -> tuple[RouteResult, ...]:
@@ -174,20 +175,20 @@ def sort_routes(routes: Sequence[RouteResult], baseline: DriveRates) -> tuple[Ro
         Rates of all drives.
     """
     step = 1 if baseline.is_mostly_lost else -1
-    return tuple(sorted(routes, key=lambda route: route.rates.order[::step], reverse=True))
+    return tuple(sorted(routes, key=lambda route: route.rates.failure_shares[::step], reverse=True))
 
 
 def rank_fixes(fixes: Sequence[FixResult]) -> list[FixResult]:
-    """Rank fixes, the best first: of those that keep as many drives as the best, the cheapest.
+    """Rank fixes, the best first; among fixes with equal loss rates, the cheapest comes first.
 
     Parameters
     ----------
     fixes : sequence of FixResult
         The fixes.
     """
-    keeping = [fix for fix in fixes if fix.keeps_more]
+    keeping = [fix for fix in fixes if fix.has_fewer_lost]
     best_lost = min(
-        (fix.rates.lost for fix in keeping or filter(is_better, fixes)), default=NOTHING
+        (fix.rates.lost for fix in keeping or filter(is_better, fixes)), default=UNKNOWN_RATE
     )
 
     def key(fix: FixResult) -> tuple[bool, bool, float, float]:
@@ -200,10 +201,10 @@ def rank_fixes(fixes: Sequence[FixResult]) -> list[FixResult]:
     return sorted(fixes, key=key)
 
 
-def compute_drive_rates(outcome: Outcome, arrivals: Mapping[str, Arrivals]) -> DriveRates:
+def compute_drive_rates(outcome: RouteDrives, arrivals: Mapping[str, Arrivals]) -> DriveRates:
     """Compute the rates of drives along some routes.
 
-    A route counts as much as any other in the closed loop, however often it was driven.
+    In closed loop all routes have equal weight, whatever their number of drives.
 
     Parameters
     ----------
@@ -215,7 +216,7 @@ def compute_drive_rates(outcome: Outcome, arrivals: Mapping[str, Arrivals]) -> D
     endings = Counter[str]()
     for drives in arrivals.values():
         endings.update(d.fault or d.outcome for d in drives.drives if d.outcome != ARRIVED)
-    reached = missed = NOTHING
+    reached = missed = UNKNOWN_RATE
     if arrivals:
         counts = np.array([len(drives.drives) for drives in arrivals.values()])
         size = len(counts) ** 2 / (1 / counts).sum()

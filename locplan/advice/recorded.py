@@ -1,4 +1,4 @@
-"""What recorded drives show of a map and a robot, before anything is simulated."""
+"""Evidence from recorded drives on the map and the robot, before anything is simulated."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from locplan._support.intervals import Interval, format_percent
 from locplan._support.kernels.arrays import Bools
-from locplan.advice.map_reading import MapReading
+from locplan.advice.map_reading import MapCorrection
 from locplan.errors import LocplanError
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFault, MapFaults
@@ -21,49 +21,49 @@ from locplan.robots.robot import Robot
 
 @dataclass(frozen=True)
 class RecordingEvidence:
-    """The robot and the map as recorded drives say they are; as given without any."""
+    """Robot and map corrected by recorded drives; unchanged without recordings."""
 
     robot: Robot
-    """The robot, whose lidar and odometry err as recorded."""
+    """The robot with lidar and odometry errors as recorded."""
     faults: MapFaults
-    """Faults of the map, those that the drives show first."""
+    """Faults of the map; faults found by the drives come first."""
     stretch: float = 1.0
-    """Ratio of the true lengths to those of the map; 1 unless it surely is another."""
+    """Ratio of the true lengths to the map's; 1 unless it differs significantly."""
     sentences: tuple[str, ...] = ()
-    """What they say, in sentences without a full stop."""
+    """Sentences about the drives, without a full stop."""
     findings: tuple[str, ...] = ()
-    """Those sentences that report how the map fits, and what is wrong with a drive."""
+    """The sentences on the fit of the map and on faults of a drive."""
     are_sound: tuple[bool, ...] = ()
-    """Whether each drive fits the map and is evidence for settings that trust odometry and map."""
+    """True for each drive that fits the map and whose odometry and scans agree."""
     replays: tuple[ReplayedDrive, ...] = ()
-    """The drives over which settings can be replayed: they fit the map, and have enough scans."""
+    """The drives for replays of settings: they fit the map and have enough scans."""
 
 
 def analyze_recordings(
     recordings: Sequence[Recording],
-    reading: MapReading,
+    correction: MapCorrection,
     map_faults: MapFaults,
     robot: Robot,
     filter_map: OccupancyGrid | None,
     seed: int,
     threads: int | None,
 ) -> RecordingEvidence:
-    """Look at what recorded drives say.
+    """Compare recorded drives with the map, and calibrate the robot's errors.
 
     Parameters
     ----------
     recordings : sequence of Recording
         The drives.
     reading : Reading
-        How the map's file should be read.
+        The corrections of the map's file.
     map_faults : MapFaults
         Faults of the map.
     robot : Robot
-        The robot as given.
+        The robot.
     filter_map, seed, threads
         See `locplan.check`.
     """
-    grid, sentences, fitting, ranges = reading.grid, list[str](), [], None
+    grid, sentences, fitting, ranges = correction.grid, list[str](), [], None
     faults, replays, findings = list[RecordingFaults](), list[ReplayedDrive](), list[str]()
     for number, recording in enumerate(recordings, 1):
         fit = fit_to_map(recording, grid)
@@ -79,8 +79,7 @@ def analyze_recordings(
         name = f"drive {number}"
         if recording.odometry is not None and sparse_notes(recording, robot.amcl):
             sentences.append(
-                f"{name}: it has too few scans to tell how often the filter is lost; record every"
-                " scan"
+                f"{name}: too few scans to measure how often the filter gets lost. Record all scans"
             )
         if limit := find_replay_limit(recording):
             sentences.append(f"{name}: {limit}")
@@ -98,7 +97,7 @@ def analyze_recordings(
         try:
             # On a map whose resolution is wrong, all walls seem to be.
             misfits = () if ranges.is_scaled else (*find_misfits(grid, fitting).faults(grid),)
-        except LocplanError as error:  # of poses that are too bad to judge walls by
+        except LocplanError as error:  # the poses are too inaccurate
             sentences.append(f"walls: {error}")
     stretch = ranges.factor.value if ranges and ranges.is_scaled else 1.0
     of_ranges = ranges.faults(grid) if ranges else ()
@@ -117,7 +116,7 @@ def analyze_recordings(
 def _calibrate_robot(
     drive: Recording, grid: OccupancyGrid, robot: Robot, faulty: Bools, threads: int | None
 ) -> tuple[Robot, list[str]]:
-    """The robot whose lidar and odometry err as on a drive, and what that is."""
+    """Return the robot with a drive's errors of lidar and odometry, and sentences on them."""
 
     def text(name: str, value: Interval, unit: str) -> str:
         return f"{name} {value.value:.3g} [{value.low:.2g}, {value.high:.2g}] {unit}"
@@ -128,14 +127,14 @@ def _calibrate_robot(
         return robot, [f"calibration: {error}"]
     changes = scans.settings()
     sentences = [
-        f"lidar as recorded: {format_percent(scans.outliers)} of the beams end anywhere,"
-        f" {format_percent(scans.blocked)} are blocked"
+        f"lidar as recorded: {format_percent(scans.outliers)} random beams,"
+        f" {format_percent(scans.blocked)} blocked beams"
     ]
     noise = fit_odometry_noise(drive, robot.amcl, faulty)
     if noise is None:
         return robot.with_settings(changes), [
             *sentences,
-            "odometry: too short a drive, taken as it was",
+            "odometry: the drive is too short to calibrate it, so the configured errors stay",
         ]
     changes |= noise.settings()
     sentences.append(

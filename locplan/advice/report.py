@@ -1,4 +1,4 @@
-"""The report of a check: one HTML page that needs nothing else, made of `templates`."""
+"""Report of a check: one self-contained HTML page, rendered from `templates`."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from locplan._support.intervals import Interval, format_rate
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 from locplan._support.public import load_templates
 from locplan.advice.check_result import Check
-from locplan.advice.figures import SIZE, caption, crop_to_free, place_labels
-from locplan.advice.next_step import next_action, remaining_text
+from locplan.advice.figures import SIZE, caption_text, crop_to_free, place_labels
+from locplan.advice.next_step import choose_next_action, remaining_text
 from locplan.advice.text import (
-    fix_rows,
-    headline,
+    headline_sentences,
+    make_fix_rows,
     passage_text,
     problem_text,
-    settings_texts,
+    settings_sentences,
     spot_text,
 )
 from locplan.maps.figures import downsample
@@ -32,7 +32,7 @@ GREYS = np.array([40, 190, 255], np.uint8)
 
 
 class MapDrawing(NamedTuple):
-    """The part of the map that is drawn as an image, and where positions lie on it."""
+    """The map as an image, with the transform of positions onto it."""
 
     data: str
     """The image as a URL."""
@@ -47,7 +47,7 @@ class MapDrawing(NamedTuple):
 
     @classmethod
     def from_map(cls, grid: OccupancyGrid) -> MapDrawing:
-        """Draw what is known of a map in its own axes, without the origin's yaw."""
+        """Draw the known part of a map along its rows and columns."""
         import cv2
 
         grid = crop_to_free(grid)
@@ -58,23 +58,23 @@ class MapDrawing(NamedTuple):
         return cls(f"data:image/png;base64,{data}", *size, grid, scale)
 
     @property
-    def label(self) -> float:
+    def label_size(self) -> float:
         """Size of a label [m]."""
         return SIZE * max(self.grid.shape) * self.grid.resolution
 
-    def points(self, xy: Any) -> str:
-        """Positions (n, 2) [m] as the points of a line in SVG."""
-        return " ".join(f"{x:.1f},{y:.1f}" for x, y in self.at(xy))
+    def format_points(self, xy: Any) -> str:
+        """Return positions (n, 2) [m] as the points of an SVG polyline."""
+        return " ".join(f"{x:.1f},{y:.1f}" for x, y in self.drawing_positions(xy))
 
-    def at(self, xy: Any) -> list[list[float]]:
-        """Positions (n, 2) [m] in the drawing, whose y goes down."""
+    def drawing_positions(self, xy: Any) -> list[list[float]]:
+        """Return positions (n, 2) [m] in units of the drawing, y downwards."""
         rows, cols = self.grid.world_to_grid(*np.reshape(xy, (-1, 2)).T)
         positions = np.column_stack([cols * self.scale, self.height - rows * self.scale])
         return [[x, y] for x, y in positions.round(1).tolist()]
 
 
-def bar(rate: Interval) -> dict[str, float]:
-    """Both ends of an interval and its value, in per cent of a bar."""
+def bar_percentages(rate: Interval) -> dict[str, float]:
+    """Return value, lower end and width of an interval in per cent, for a bar."""
     value, low, high = (100 * (bound if math.isfinite(bound) else 0.0) for bound in rate)
     return {"value": value, "low": low, "width": high - low}
 
@@ -87,28 +87,30 @@ def write_report(path: Path, check: Check, *related: Any) -> None:
     path : Path
         The file.
     check : Check
-        The check; its names may hold any text.
-    *about
-        The folder of the files and the user's parameters, see `next_action`.
+        The check.
+    *related
+        The folder of the files and the user's parameters, see `choose_next_action`.
     """
     environment = load_templates("locplan.advice", autoescape=True, lstrip_blocks=True)
-    environment.filters |= {"share": format_rate, "bar": bar, "problem": problem_text}
+    environment.filters |= {"share": format_rate, "bar": bar_percentages, "problem": problem_text}
     n_routes = len(check.routes)
     text = environment.get_template("report.html").render(
         check=check,
         off=OFF,
-        headline=headline(check),
+        headline=headline_sentences(check),
         spots=[spot_text(spot, n_routes) for spot in check.spots if spot.letter],
         passage=passage_text(check.passage) if check.passage else "",
-        fixes=fix_rows(check),
-        settings=settings_texts(check),
+        fixes=make_fix_rows(check),
+        settings=settings_sentences(check),
         remaining=remaining_text(check),
-        caption=caption(check),
-        action=next_action(check, *related),
-        drawing=(drawing := MapDrawing.from_map(check.site.world)),
-        labels=place_labels(check, drawing.label),
-        lost=[xy for route in check.routes for xy in drawing.at(route.lost_at)],
-        stopped=[xy for route in check.routes for xy in drawing.at(route.stopped_at)],
+        caption=caption_text(check),
+        action=choose_next_action(check, *related),
+        drawing=(drawing := MapDrawing.from_map(check.scenario.world)),
+        labels=place_labels(check, drawing.label_size),
+        lost=[xy for route in check.routes for xy in drawing.drawing_positions(route.lost_at)],
+        stopped=[
+            xy for route in check.routes for xy in drawing.drawing_positions(route.stopped_at)
+        ],
     )
-    with replacing(path) as temporary:
+    with replace_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="replace")

@@ -1,4 +1,4 @@
-"""Routes that a robot is checked on: between stations, or between places far apart."""
+"""Routes of a check: between stations, or between places far apart."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from locplan.planning.plans import check_ends, plan
 from locplan.planning.queries import Query, Station, normalize_queries, random_queries
 
 MAX_ROUTES = 12
-"""Maximum number of routes between stations; of more, some are taken at equal steps."""
+"""Maximum number of routes between stations; more are thinned out evenly."""
 Stations = str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
 """A file of stations or queries, stations, positions by name, or (start, goal) pairs [m]."""
 
@@ -27,18 +27,18 @@ Stations = str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
 def plan_routes(
     costs: Costmap, stations: Stations | None, count: int, seed: int
 ) -> dict[str, Path]:
-    """The shortest path of each route by its name.
+    """Plan the shortest path of each route, by its name.
 
     Parameters
     ----------
     costs : Costmap
         A costmap without a field.
     stations : see `locplan.check`
-        Where the robot has something to do; None takes places far apart.
+        The places to drive between; None takes places far apart.
     count : int
         Maximum number of routes between places far apart.
     seed : int
-        Seed of those that are drawn at random.
+        Seed of random places.
     """
     queries = (
         _make_distant_queries(costs, count, seed)
@@ -57,16 +57,15 @@ def plan_routes(
         path = plan(costs, query.start[:2], query.goal[:2]).path if start != goal else None
         if path is None or not path.length:
             raise ConfigError(
-                f"route {short_repr(query.name)}: no path leads from start to goal; leave it out,"
-                " or"
-                " give the robot's own footprint and margin"
+                f"route {short_repr(query.name)}: no path leads from start to goal. Leave it out,"
+                " or correct the robot's footprint and margin"
             )
         paths[query.name] = path
     return paths
 
 
 def _make_station_queries(costs: Costmap, stations: Stations) -> Sequence[Query]:
-    """Queries between each two stations, or those that a file has."""
+    """Return the queries between every two stations, or the queries of a file."""
     if isinstance(stations, Mapping):
         stations = [Station(str(name), *map(float, xy)) for name, xy in stations.items()]
     if not isinstance(stations, str | os.PathLike) and all(
@@ -81,14 +80,14 @@ def _make_station_queries(costs: Costmap, stations: Stations) -> Sequence[Query]
     else:
         queries = [*normalize_queries(costs, stations, 0.0, 1)]
     if not queries:
-        raise ConfigError("there is no route; give two stations at least")
+        raise ConfigError("no routes. Give at least two stations")
     return queries
 
 
 def _make_distant_queries(costs: Costmap, count: int, seed: int) -> Sequence[Query]:
-    """Queries between the places far apart of `locplan.planning.describe_map`, and more if needed.
+    """Return queries between the distant places of `locplan.planning.describe_map`.
 
-    Further ones are drawn in the main part of the map.
+    If they are too few, more are drawn at random in the main part of the map.
     """
     description = describe_map(costs.grid, robot=costs.robot_radius)
     if not description.pairs:
@@ -104,7 +103,7 @@ def _make_distant_queries(costs: Costmap, count: int, seed: int) -> Sequence[Que
 
 
 def _number_queries(queries: Sequence[Query]) -> list[Query]:
-    """Queries whose ends have numbers for names, one for each place."""
+    """Return the queries named by the numbers of their places."""
     numbers: dict[Any, int] = {}
 
     def number(end: Any) -> int:

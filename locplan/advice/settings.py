@@ -1,4 +1,4 @@
-"""AMCL's settings in a check: the presets at levels of disturbance, or on recorded drives."""
+"""AMCL settings in a check: presets at levels of disturbance, or on recorded drives."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from locplan.advice.driving import Site
+from locplan.advice.driving import Scenario
 from locplan.advice.preset_choice import LevelCase, PresetChoice, choose_preset, find_objection
 from locplan.advice.recorded import RecordingEvidence
 from locplan.advice.tuning import cut_path, make_simulated_cases
@@ -14,13 +14,13 @@ from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TU
 from locplan.simulation.worlds import make_path_poses
 
 HARMFUL_FIRST = (STANDSTILL, REVERSAL, KINKED_MAP, SLIP, TURNS)
-"""The levels at which presets must do no harm. The first harm ends the drives with a preset."""
+"""Levels at which presets must do no harm. The first harm ends the trial of a preset."""
 
 
 def choose_settings(
-    site: Site,
+    scenario: Scenario,
     base_case: LevelCase,
-    recorded: RecordingEvidence,
+    evidence: RecordingEvidence,
     *,
     drives_all: bool,
     seed: int,
@@ -28,61 +28,65 @@ def choose_settings(
 ) -> PresetChoice:
     """Choose among the user's settings and the presets.
 
-    A preset must be better at the usual level, and at no other level off at the end significantly
-    more often. There the robot drives at most 40 m of each route. If there are recorded drives,
-    they decide instead of the other levels.
+    A preset must be better at the usual level. At each further level it must not be off at the end
+    significantly more often; there the robot drives at most 40 m of each route. Recorded drives
+    decide instead of the further levels.
 
     Parameters
     ----------
-    site : Site
-        The site of the baseline.
-    base_case : Case
+    scenario : Scenario
+        The scenario of the baseline.
+    base_case : LevelCase
         The usual level along all routes.
-    recorded : Recorded
-        What recorded drives show.
+    evidence : RecordingEvidence
+        Evidence from recorded drives.
     drives_all : bool
-        True drives all settings at all levels, for the table; False only those that decide.
+        True simulates all settings at all levels, for the table; False stops at the decision.
     seed, threads
         See `locplan.check`.
     """
     random = np.random.default_rng(seed)
     levels = make_simulated_cases(
-        site.world,
-        site.robot,
-        [cut_path(path, random.random()) for path in site.paths.values()],
+        scenario.world,
+        scenario.robot,
+        [cut_path(path, random.random()) for path in scenario.paths.values()],
         HARMFUL_FIRST,
-        filter_map=None if site.filter_map is site.world else site.filter_map,
-        stretch=site.stretch,
+        filter_map=None if scenario.filter_map is scenario.world else scenario.filter_map,
+        stretch=scenario.stretch,
         seed=seed,
         threads=threads,
     )
     return choose_preset(
-        site.robot.amcl,
+        scenario.robot.amcl,
         [base_case, *levels],
-        [make_path_poses(path, site.world) for path in site.paths.values()],
-        recorded.replays,
-        are_recordings_sound=all(recorded.are_sound),
+        [make_path_poses(path, scenario.world) for path in scenario.paths.values()],
+        evidence.replays,
+        are_recordings_sound=all(evidence.are_sound),
         drives_all=drives_all,
     )
 
 
-def is_contradicted(site: Site, fixed_site: Site, recorded: RecordingEvidence) -> bool:
-    """True if the filter's settings and map with some fixes do not hold on a recorded drive.
+def is_contradicted(
+    scenario: Scenario, fixed_scenario: Scenario, evidence: RecordingEvidence
+) -> bool:
+    """True if a fixed filter loses a recorded drive that the baseline's filter tracks.
 
     Parameters
     ----------
-    site, fixed_site : Site
-        The site of the baseline, and with the fixes.
-    recorded : Recorded
+    scenario, fixed_scenario : Scenario
+        The baseline, and the scenario with the fixes.
+    evidence : RecordingEvidence
         The recorded drives.
     """
-    changed_map = None if fixed_site.filter_map is site.filter_map else fixed_site.filter_map
+    changed_map = (
+        None if fixed_scenario.filter_map is scenario.filter_map else fixed_scenario.filter_map
+    )
     return any(
         find_objection(
-            drive.replay(site.robot.amcl),
+            drive.replay(scenario.robot.amcl),
             replace(drive, filter_map=changed_map or drive.filter_map).replay(
-                fixed_site.robot.amcl
+                fixed_scenario.robot.amcl
             ),
         )
-        for drive in recorded.replays
+        for drive in evidence.replays
     )

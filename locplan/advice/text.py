@@ -1,4 +1,4 @@
-"""The output of a check in at most 25 lines: failures, weak spots, routes, and fixes."""
+"""Output of a check in at most 25 lines: failures, weak spots, routes, fixes, next step."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from locplan._support.records import Column, Table
 from locplan._support.runs import get_command_line
 from locplan._support.tables import wrap_lines
 from locplan.advice.check_result import Check
-from locplan.advice.driving import Site
+from locplan.advice.driving import Scenario
 from locplan.advice.failures import Passage
 from locplan.advice.fixes import SETTINGS
-from locplan.advice.next_step import next_action, remaining_text
+from locplan.advice.next_step import choose_next_action, remaining_text
 from locplan.advice.rates import DriveRates, FixResult, RouteResult
-from locplan.advice.weak_spots import ROUND, WeakSpot
+from locplan.advice.weak_spots import NO_HEADING, WeakSpot
 from locplan.maps.map_faults import MapFaults
 from locplan.simulation.arrivals import ABORTED, ELSEWHERE, FOLLOWER, TIMED_OUT, WORLD
 from locplan.simulation.drives import LOST
@@ -27,13 +27,13 @@ from locplan.simulation.verdict import BETTER
 
 
 def format_faults(map_faults: MapFaults) -> str:
-    """Name the faults of the map."""
+    """Return the sentence on the map's faults."""
     kinds = "; ".join(f"{fault.kind}: {fault.what}" for fault in map_faults)
-    return f"map: {kinds or 'no fault that the map alone shows'}"
+    return f"map: {kinds or 'no faults found'}"
 
 
 def format_spots(weak_spots: Sequence[WeakSpot]) -> str:
-    """Describe the worst weak spot, and count the others."""
+    """Return the sentence on the worst weak spot and the number of further ones."""
     if not weak_spots:
         return "weak spots: none"
     first = weak_spots[0]
@@ -52,9 +52,9 @@ def format_fix(result: FixResult, before: DriveRates) -> str:
     return f"{result.title}: lost {format_rate(before.lost)} -> {format_rate(result.rates.lost)}"
 
 
-LINES = 25
+MAX_LINES = 25
 """Maximum number of lines of the output."""
-ROWS = (
+ROW_COUNTS = (
     (3, 3, 4, 4, 2),
     (2, 3, 3, 4, 2),
     (2, 2, 3, 3, 2),
@@ -66,24 +66,23 @@ ROWS = (
     (0, 1, 1, 1, 1),
     (0, 1, 1, 1, 0),
 )
-"""Numbers of further notes, weak spots, routes and fixes, and the amount of details, of which the
-output has the first that fit. 1 leaves out the legend, reasons against presets, and simulated rows
-next to replays; 0 also the advice on recordings, and the level at which most drives are off at the
-end. Findings on map and recordings always stay."""
+"""Numbers of notes, weak spots, routes and fixes, and the level of detail. The output has the first
+row that fits. Detail 1 omits the legend, objections to presets, and simulated rows next to replays.
+Detail 0 also omits the advice on recordings and the hardest level. Findings are never omitted."""
 NARROW = 100
 """Width of a terminal below which columns have short titles."""
-FAILS = {
+ENDING_TEXTS = {
     ELSEWHERE: "stops in the wrong place",
     ABORTED: "is aborted",
     TIMED_OUT: "runs out of time",
-    FOLLOWER: "fails with perfect localization, too",
+    FOLLOWER: "fails even with perfect localization",
     WORLD: "finds no way to the goal",
 }
-"""How a closed-loop drive ends that does not reach the goal."""
+"""Failure of a closed-loop drive in words, by its outcome or fault."""
 
 
-def headline(check: Check) -> tuple[str, ...]:
-    """Return the first sentences: how often the robot gets lost, and reaches the goal."""
+def headline_sentences(check: Check) -> tuple[str, ...]:
+    """Return the first sentences: rates of lost drives and of reached goals."""
     rates = check.baseline
     lost = (
         f"Your robot gets lost (error > {LOST:g} m) in {format_rate(rates.lost)} of"
@@ -95,21 +94,21 @@ def headline(check: Check) -> tuple[str, ...]:
     reached = f"In closed loop it reaches the goal in {format_rate(rates.reached)}."
     if not rates.endings:
         return lost, reached
-    mostly = "mostly " if len(rates.endings) > 1 else ""
-    return lost, f"{reached} When it fails, it {mostly}{FAILS[_main_ending(rates)]}."
+    usually = "usually " if len(rates.endings) > 1 else ""
+    return lost, f"{reached} When it fails, it {usually}{ENDING_TEXTS[_find_main_ending(rates)]}."
 
 
-def _main_ending(rates: DriveRates) -> str:
+def _find_main_ending(rates: DriveRates) -> str:
     return max(rates.endings, key=lambda ending: rates.endings[ending])
 
 
 def problem_text(route: RouteResult) -> str:
-    """Describe how drives along a route fail, and at which places; empty if none does."""
+    """Return the failures along a route with their places; empty if no drive fails."""
     rates, problems = route.rates, []
     if rates.lost.value > 0:
         problems.append(_add_place("lost", route.lost_near))
     if rates.endings:
-        problems.append(_add_place(FAILS[_main_ending(rates)], route.stopped_near))
+        problems.append(_add_place(ENDING_TEXTS[_find_main_ending(rates)], route.stopped_near))
     return ", ".join(problems)
 
 
@@ -118,7 +117,7 @@ def _add_place(problem: str, letters: str) -> str:
 
 
 def spot_text(spot: WeakSpot, n_routes: int) -> str:
-    """Describe a weak spot: where, how large, and what is missing there.
+    """Return the sentence on a weak spot: place, size, and reason.
 
     Parameters
     ----------
@@ -135,13 +134,13 @@ def spot_text(spot: WeakSpot, n_routes: int) -> str:
         return (
             f"{name} at {spot.place}: {spot.lost} of the drives get lost, {spot.missing}, {passed}"
         )
-    uncertain = "heading" if spot.missing == ROUND else "position"
+    uncertain = "heading" if spot.missing == NO_HEADING else "position"
     details = f"{spot.missing}, {uncertain} uncertain by {spot.deviation}"
     return f"{name} at {spot.place}, {spot.size}: {details}, {passed}"
 
 
 def passage_text(passage: Passage) -> str:
-    """Describe the passage in which robots fail with perfect localization, too.
+    """Return the sentence on the place where drives fail even with perfect localization.
 
     Parameters
     ----------
@@ -149,11 +148,11 @@ def passage_text(passage: Passage) -> str:
         The passage.
     """
     place = f"({passage.x:.1f}, {passage.y:.1f})"
-    fail = f"{passage.n_drives} drives fail near it with perfect localization, too"
+    fail = f"{passage.n_drives} drives fail near it even with perfect localization"
     if passage.is_narrow:
         sizes = f"{passage.width:.2f} m wide, the robot {passage.robot_width:.2f} m"
         return f"The passage at {place} is {sizes}: {fail}"
-    return f"The place at {place} is no narrow passage, but {fail}"
+    return f"The place at {place} is not narrow, but {fail}"
 
 
 class FixRow(NamedTuple):
@@ -162,13 +161,13 @@ class FixRow(NamedTuple):
     title: str
     """The fix, or several; "none" for the baseline."""
     detail: str
-    """What exactly is changed."""
+    """The exact change."""
     rates: DriveRates
     """Rates of the drives."""
     change: str
     """Change of the error, or the verdict if it is not better."""
     is_recommended: bool = False
-    """True for what is recommended, of which the drives are fresh ones."""
+    """True for the recommended fixes, whose drives are fresh."""
 
     @property
     def error(self) -> str:
@@ -177,8 +176,8 @@ class FixRow(NamedTuple):
         return f"{error} ({self.change})" if self.change else error
 
 
-def fix_rows(check: Check) -> list[FixRow]:
-    """Return the rows of the baseline, of what is recommended, and of the fixes, the best first.
+def make_fix_rows(check: Check) -> list[FixRow]:
+    """Return the rows of the baseline, of the recommended fixes together, and of each fix.
 
     Parameters
     ----------
@@ -186,22 +185,22 @@ def fix_rows(check: Check) -> list[FixRow]:
         The check.
     """
     rows = [FixRow("none", "", check.baseline, "")]
-    if check.confirmed:
+    if check.confirmation:
         titles, details = (
             " + ".join(getattr(fix, name) for fix in check.recommended_fixes)
             for name in ("title", "detail")
         )
-        change = _change(check.confirmed.word, check.confirmed.ratio)
+        change = _format_change(check.confirmation.word, check.confirmation.ratio)
         rows.append(FixRow(titles, details, check.after, change, True))
     return rows + [
-        FixRow(fix.title, fix.detail, fix.rates, _change(fix.verdict, fix.ratio))
+        FixRow(fix.title, fix.detail, fix.rates, _format_change(fix.verdict, fix.ratio))
         for fix in check.fixes
         if check.recommended != (fix.kind,)
     ]
 
 
-def _change(verdict: str, ratio: Interval) -> str:
-    """Describe the change of the error if a fix is better, otherwise the verdict."""
+def _format_change(verdict: str, ratio: Interval) -> str:
+    """Return the change of the error if a fix is better, otherwise the verdict."""
     if verdict != BETTER:
         return verdict
     return f"-{100 * (1 - ratio.value):.0f} %" if ratio.value < 1 else "fewer lost"
@@ -216,43 +215,43 @@ def check_report(check: Check, folder: Folder | None = None, *related: Any) -> s
         The check.
     folder : path, optional
         The folder that its files are in.
-    *about
-        See `next_action`.
+    *related
+        See `choose_next_action`.
     """
-    action = next_action(check, folder, *related)
+    action = choose_next_action(check, folder, *related)
     last = wrap_lines([f"Next: {action.sentence}" if action.command else action.sentence])
     last += [f"  {line}" for line in action.command.splitlines()]
-    first = wrap_lines([*headline(check), *_list_remarks(check)])
+    first = wrap_lines([*headline_sentences(check), *_list_remarks(check)])
     findings = [f"map: {fault.sentence}" for fault in check.faults if fault.boxes]
-    findings += check.findings
-    notes = [text for text in check.recorded if text not in check.findings]
+    findings += check.recording_findings
+    notes = [text for text in check.recording_sentences if text not in check.recording_findings]
     notes += [f"map: {fault.sentence}" for fault in check.faults if not fault.boxes]
     passage = [passage_text(check.passage)] if check.passage else []
     remaining = wrap_lines([*filter(None, [remaining_text(check)])])
     blocks: list[list[str]] = []
-    for n_notes, n_spots, n_routes, n_fixes, detail in ROWS:
+    for n_notes, n_spots, n_routes, n_fixes, detail in ROW_COUNTS:
         spots = [spot_text(spot, len(check.routes)) for spot in check.spots[:n_spots]]
         blocks = [
             first,
             wrap_lines([*findings, *notes[:n_notes], *passage, *(spots or ["No weak spot"])]),
             [
-                *wrap_lines([_drives_text(check.baseline)] if detail == 2 else []),
-                *_route_table(check, n_routes),
+                *wrap_lines([_describe_drives(check.baseline)] if detail == 2 else []),
+                *_format_route_table(check, n_routes),
             ],
-            [*_fix_table(check, n_fixes), *remaining],
+            [*_format_fix_table(check, n_fixes), *remaining],
             [
-                *wrap_lines([*settings_texts(check, detail)]),
-                *_replay_table(check, is_complete=detail == 2),
+                *wrap_lines([*settings_sentences(check, detail)]),
+                *_format_replay_table(check, is_complete=detail == 2),
             ],
             last,
         ]
-        if sum(map(len, blocks)) + sum(map(bool, blocks)) - 1 <= LINES:
+        if sum(map(len, blocks)) + sum(map(bool, blocks)) - 1 <= MAX_LINES:
             break
     return "\n\n".join("\n".join(block) for block in blocks if block)
 
 
-def settings_texts(check: Check, detail: int = 2) -> tuple[str, ...]:
-    """Return the sentences about the choice of AMCL's settings: what decided.
+def settings_sentences(check: Check, detail: int = 2) -> tuple[str, ...]:
+    """Return the sentences on the choice of AMCL's settings.
 
     Parameters
     ----------
@@ -277,8 +276,8 @@ def settings_texts(check: Check, detail: int = 2) -> tuple[str, ...]:
     return (*texts, advice) if advice and detail else tuple(texts)
 
 
-def _replay_table(check: Check, *, is_complete: bool) -> list[str]:
-    """Return the lines of the table of settings on recordings, if there are, and in simulation."""
+def _format_replay_table(check: Check, *, is_complete: bool) -> list[str]:
+    """Return the lines of the table of settings; none without recordings."""
     choice = check.preset_choice
     if choice is None or not choice.recordings:
         return []
@@ -296,39 +295,41 @@ def _replay_table(check: Check, *, is_complete: bool) -> list[str]:
     results = [
         result for result in choice.results if is_complete or result.case in choice.recordings
     ]
-    return _table(columns, "settings", results)
+    return _format_table_lines(columns, "settings", results)
 
 
-def _drives_text(rates: DriveRates) -> str:
-    """Name the drives from which the columns of the tables come."""
-    lost = f"Lost: of {rates.n_drives} open-loop drives."
-    reached = f" Goal: of {rates.n_closed} closed-loop drives, mean of routes."
+def _describe_drives(rates: DriveRates) -> str:
+    """Return the legend of the columns: numbers of drives."""
+    lost = f"Lost, off at the end: share of {rates.n_drives} open-loop drives."
+    reached = f" Reaches the goal: share of {rates.n_closed} closed-loop drives."
     return lost + (reached if rates.n_closed else "")
 
 
 def _list_remarks(check: Check) -> list[str]:
-    """Return what is unusual: an assumed lidar, and a filter's map of another size."""
+    """Return remarks on an assumed lidar, and on a filter map of another size."""
     remarks = []
-    if check.assumed:
-        remarks.append(f"The lidar is assumed: {check.site.robot.title}. Name yours with --lidar.")
-    return [*remarks, *filter(None, [_map_sizes(check.site)])]
+    if check.is_lidar_assumed:
+        remarks.append(
+            f"The lidar is assumed: {check.scenario.robot.title}. Name yours with --lidar."
+        )
+    return [*remarks, *filter(None, [_describe_map_sizes(check.scenario)])]
 
 
-def _map_sizes(site: Site) -> str:
-    """Return the sizes of the map and of the filter's map, or nothing if they are the same."""
+def _describe_map_sizes(scenario: Scenario) -> str:
+    """Return the sizes of the map and of the filter's map; empty if they are equal."""
     (width, height), (filter_width, filter_height) = (
         (grid.shape[1] * grid.resolution, grid.shape[0] * grid.resolution)
-        for grid in (site.world, site.filter_map)
+        for grid in (scenario.world, scenario.filter_map)
     )
     if math.isclose(width, filter_width) and math.isclose(height, filter_height):
         return ""
     return (
-        f"the map measures {width:.2f} x {height:.2f} m, the filter's map"
-        f" {filter_width:.2f} x {filter_height:.2f} m"
+        f"The map measures {width:.2f} x {height:.2f} m, the filter's map"
+        f" {filter_width:.2f} x {filter_height:.2f} m."
     )
 
 
-def _rate_columns() -> tuple[Column, ...]:
+def _make_rate_columns() -> tuple[Column, ...]:
     is_narrow = shutil.get_terminal_size((NARROW, 24)).columns < NARROW
     off_at_end, reached = "off at the end", "reaches the goal"
     if is_narrow:
@@ -351,35 +352,35 @@ def _make_unbreakable(text: str) -> str:
     return text.replace(" ", "\u00a0")
 
 
-def _route_table(check: Check, n_rows: int) -> list[str]:
-    """Return the lines of the first routes, those that fail most."""
+def _format_route_table(check: Check, n_rows: int) -> list[str]:
+    """Return the lines of the worst routes."""
     columns = (
         Column("route", value=lambda route: route.name),
-        *_rate_columns(),
+        *_make_rate_columns(),
         Column("problem", title="", value=problem_text),
     )
-    title = _count_rows("route", "routes", n_rows, len(check.routes))
-    return _table(columns, title, check.routes[:n_rows])
+    title = _first_heading("route", "routes", n_rows, len(check.routes))
+    return _format_table_lines(columns, title, check.routes[:n_rows])
 
 
-def _fix_table(check: Check, n_rows: int) -> list[str]:
+def _format_fix_table(check: Check, n_rows: int) -> list[str]:
     """Return the lines of the baseline and of the best fixes."""
     columns = (
         Column("fix", value=lambda row: row.title),
-        *_rate_columns(),
+        *_make_rate_columns(),
         Column("error", title="error", value=lambda row: _make_unbreakable(row.error)),
     )
-    rows = fix_rows(check)
-    title = _count_rows("fix", "fixes", n_rows, len(rows) - 1)
-    return _table(columns, title, rows[: n_rows + 1]) if check.fixes else []
+    rows = make_fix_rows(check)
+    title = _first_heading("fix", "fixes", n_rows, len(rows) - 1)
+    return _format_table_lines(columns, title, rows[: n_rows + 1]) if check.fixes else []
 
 
-def _count_rows(name: str, plural: str, n_rows: int, n_all: int) -> str:
+def _first_heading(name: str, plural: str, n_rows: int, n_all: int) -> str:
     """Return the heading of a first column, with the number of rows if some are left out."""
     return f"{n_rows} of {n_all} {plural}" if n_rows < n_all else name
 
 
-def _table(columns: Sequence[Column], title: str, records: Sequence[Any]) -> list[str]:
+def _format_table_lines(columns: Sequence[Column], title: str, records: Sequence[Any]) -> list[str]:
     """Return the lines of a table."""
     name, *further_columns = columns
     table = Table.from_records([replace(name, title=title), *further_columns], records)

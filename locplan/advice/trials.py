@@ -1,6 +1,6 @@
-"""Trials of fixes: which are stopped, which are better, and which fresh drives confirm.
+"""Trials of fixes: early stopping, verdicts, combination, and confirmation by fresh drives.
 
-Nothing here knows maps or robots: fixes are kinds, and a function drives them.
+This module does not know maps or robots: a fix is a word, and a function simulates it.
 """
 
 from __future__ import annotations
@@ -16,29 +16,29 @@ from locplan._support.kernels.arrays import Bools, Floats
 from locplan.simulation.verdict import BETTER, DriveSet, Verdict, compare_drives, confirm
 
 WORTHWHILE = 0.9
-"""Ratio of errors from which on a fix is worth its effort, as for paths."""
+"""Maximum ratio of errors for which a fix is worth its effort, as for paths."""
 
 
 MIN_FRESH = 24
-"""Least number of fresh drives from which rates are reported."""
+"""Minimum number of fresh drives for an early decision."""
 SUPERFLUOUS = 0.95
-"""Ratio of errors that a fix of several must fall below, if it keeps no drive from getting lost."""
+"""Maximum ratio of errors of a fix in a combination, unless it prevents lost drives."""
 
 
-class Outcome(NamedTuple):
-    """Open-loop drives along all routes; drives at the same place of two sets are a pair."""
+class RouteDrives(NamedTuple):
+    """Open-loop drives along all routes; drives at the same index of two sets are a pair."""
 
     log_error: Floats
     """Logarithm of the error of each drive, (routes, drives) [ln m]."""
     lost: Bools
     """True for the drives that were lost, (routes, drives)."""
     lost_at: Floats
-    """Distance along the route where they first were, else NaN, (routes, drives) [m]."""
+    """Distance along the route where each gets lost, or NaN, (routes, drives) [m]."""
     off_at_end: Bools
     """True for the drives that are off at the end, (routes, drives)."""
 
     @classmethod
-    def join(cls, parts: Sequence[Outcome]) -> Outcome:
+    def join(cls, parts: Sequence[RouteDrives]) -> RouteDrives:
         """Join drives of further numbers along the same routes.
 
         Parameters
@@ -48,18 +48,18 @@ class Outcome(NamedTuple):
         """
         return cls(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
 
-    def select(self, routes: slice = slice(None), drives: slice = slice(None)) -> Outcome:
-        """Return the drives along some routes and at some places.
+    def select(self, routes: slice = slice(None), drives: slice = slice(None)) -> RouteDrives:
+        """Return the drives of some routes and some indices.
 
         Parameters
         ----------
         routes : slice, all by default
             The routes; all by default.
         drives : slice, all by default
-            The places of the drives; all by default.
+            The indices of the drives; all by default.
         """
         at = routes, drives
-        return Outcome(self.log_error[at], self.lost[at], self.lost_at[at], self.off_at_end[at])
+        return RouteDrives(self.log_error[at], self.lost[at], self.lost_at[at], self.off_at_end[at])
 
     @property
     def drive_set(self) -> DriveSet:
@@ -68,22 +68,22 @@ class Outcome(NamedTuple):
 
 
 class FixContrast(NamedTuple):
-    """Comparison of the drives with a fix with those without it."""
+    """Comparison of drives with a fix and without it."""
 
     verdict: Verdict
     """The verdict on the fix."""
     gain: Interval
-    """Share of the drives that are no longer lost, less those that newly are, -1..1."""
+    """Share of drives no longer lost minus share of drives newly lost, -1..1."""
     score: float
     """Mean difference of ln error + 1 if lost, by which fixes are ranked; below 0 is better."""
 
     @property
-    def keeps_more(self) -> bool:
+    def has_fewer_lost(self) -> bool:
         """True if the fix is better because it keeps drives from getting lost."""
         return self.verdict.word == BETTER and self.verdict.has_fewer_lost
 
 
-def compare_fix(before: Outcome, after: Outcome, *, n_alternatives: int = 1) -> FixContrast:
+def compare_fix(before: RouteDrives, after: RouteDrives, *, n_alternatives: int = 1) -> FixContrast:
     """Compare two sets of drives of the same numbers.
 
     Parameters
@@ -104,7 +104,7 @@ def compare_fix(before: Outcome, after: Outcome, *, n_alternatives: int = 1) -> 
 
 
 def compare_paired_shares(n_first: int, n_second: int, trials: int) -> Interval:
-    """Difference of two shares of paired trials, by Bonett and Price's adjusted interval.
+    """Return the difference of two shares of paired trials, with Bonett and Price's interval.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def compare_paired_shares(n_first: int, n_second: int, trials: int) -> Interval:
 
 
 def is_futile(before: DriveSet, after: DriveSet) -> bool:
-    """True if a fix has shown after a few drives that it is not better.
+    """True if a few drives suffice to see that a fix is not better.
 
     Parameters
     ----------
@@ -128,27 +128,27 @@ def is_futile(before: DriveSet, after: DriveSet) -> bool:
     """
     scores = after.log_error + after.lost - before.log_error - before.lost
     error = scores.std(ddof=1) / math.sqrt(scores.size)
-    # One-sided at 7 %, as in the race of paths; no effect at all is none later on either.
+    # One-sided at 7 %, as in the race of paths.
     return bool(scores.mean() - 1.5 * error >= math.log(WORTHWHILE) / 2)
 
 
-class Trial(NamedTuple):
+class FixTrial(NamedTuple):
     """The drives with one fix."""
 
     contrast: FixContrast
     """The comparison with the drives without it."""
-    outcome: Outcome
+    outcome: RouteDrives
     """The drives."""
     is_stopped: bool
-    """True if it did not lead after a few drives, which are then all."""
+    """True if the trial was stopped after a few drives."""
 
 
 def try_fix(
-    drive: Callable[[range], Outcome],
-    trial_drives: tuple[range, Outcome],
-    full_drives: tuple[range, Outcome],
-) -> Trial:
-    """Drive with a fix a few times, and if it leads, with the drives that judge it.
+    drive: Callable[[range], RouteDrives],
+    trial_drives: tuple[range, RouteDrives],
+    full_drives: tuple[range, RouteDrives],
+) -> FixTrial:
+    """Simulate a few drives with a fix, and all drives only if it leads.
 
     Parameters
     ----------
@@ -160,23 +160,23 @@ def try_fix(
     outcome = drive(trial_drives[0])
     first = compare_fix(trial_drives[1], outcome)
     if is_futile(trial_drives[1].drive_set, outcome.drive_set) and first.verdict.word != BETTER:
-        return Trial(first, outcome, True)
+        return FixTrial(first, outcome, True)
     outcome = drive(full_drives[0])
-    return Trial(compare_fix(full_drives[1], outcome), outcome, False)
+    return FixTrial(compare_fix(full_drives[1], outcome), outcome, False)
 
 
-class Combination(NamedTuple):
-    """The fixes that are worth being done together, and their fresh drives."""
+class FixCombination(NamedTuple):
+    """The recommended fixes together, and the drives that confirm them."""
 
     kinds: tuple[str, ...]
     """Kinds of the fixes; empty if fresh drives confirm none."""
-    before: Outcome
+    before: RouteDrives
     """Drives of the baseline, fresh ones if fixes had to be confirmed."""
-    after: Outcome
+    after: RouteDrives
     """The same drives with all of the fixes."""
 
 
-DriveFixes = Callable[[tuple[str, ...], range], Outcome]
+DriveFixes = Callable[[tuple[str, ...], range], RouteDrives]
 """Function that drives with fixes of some kinds."""
 
 
@@ -192,15 +192,15 @@ def select_fixes(
     Parameters
     ----------
     certain : tuple of str
-        Kinds of those that are done whatever drives show.
+        Kinds of fixes that are recommended even if no drive improves.
     order : sequence of str
-        Kinds of those that are better alone, the best first.
+        Kinds of fixes that are better alone, the best first.
     drive : callable
         Drives with fixes of some kinds.
     selection_numbers : range
-        Numbers of the drives that judged the fixes.
+        Numbers of the drives that select the fixes.
     costly : sequence of str, default ()
-        Kinds that must keep drives from getting lost; a lower error alone is not worth them.
+        Kinds that must reduce lost drives; a lower error does not justify them.
     """
     kinds = certain or tuple(order[:1])
     while kind := _find_next_fix(kinds, order, drive, selection_numbers, costly):
@@ -220,15 +220,15 @@ def confirm_fixes(
     drive: DriveFixes,
     selection_numbers: range,
     fresh: range,
-) -> Combination:
+) -> FixCombination:
     """Confirm a combination of fixes by fresh drives, which alone decide.
 
-    Fixes that are done whatever drives show need no confirmation: they have known drives.
+    Fixes that are recommended even if no drive improves need no confirmation.
 
     Parameters
     ----------
     certain : tuple of str
-        Kinds of the fixes that are done whatever drives show.
+        Kinds of fixes that are recommended even if no drive improves.
     kinds : tuple of str
         Kinds of all fixes of the combination.
     drive : callable
@@ -236,7 +236,7 @@ def confirm_fixes(
     selection_numbers : range
         Numbers of the drives that selected the fixes.
     fresh : range
-        Numbers of other drives.
+        Numbers of the fresh drives.
     """
     numbers = selection_numbers
     if kinds != certain:
@@ -250,7 +250,7 @@ def confirm_fixes(
         )
         numbers = fresh[: verdict.n_drives // n_routes]
         kinds = kinds if verdict.word == BETTER else certain
-    return Combination(kinds, drive((), numbers), drive(kinds, numbers))
+    return FixCombination(kinds, drive((), numbers), drive(kinds, numbers))
 
 
 def _find_next_fix(
@@ -260,19 +260,19 @@ def _find_next_fix(
     selection_numbers: range,
     costly: Sequence[str],
 ) -> str:
-    """Return the fix that is better in addition to others and gains most; empty if none is."""
+    """Return the fix that improves a combination most; empty if no fix does."""
     left = [kind for kind in order if kind not in kinds]
     scores = {}
     for kind in left:
         outcomes = drive(kinds, selection_numbers), drive((*kinds, kind), selection_numbers)
         addition = compare_fix(*outcomes, n_alternatives=len(left))
         is_better = addition.verdict.word == BETTER
-        if addition.keeps_more or (is_better and kind not in costly):
+        if addition.has_fewer_lost or (is_better and kind not in costly):
             scores[kind] = addition.score
     return min(scores, key=lambda kind: scores[kind], default="")
 
 
-def _is_superfluous(reduced: Outcome, combined: Outcome) -> bool:
-    """True if one of several fixes neither keeps a drive from getting lost nor lowers the error."""
+def _is_superfluous(reduced: RouteDrives, combined: RouteDrives) -> bool:
+    """True if adding a fix neither prevents lost drives nor lowers the error."""
     addition = compare_fix(reduced, combined)
     return addition.verdict.ratio.value > SUPERFLUOUS and addition.gain.value <= 0

@@ -1,4 +1,4 @@
-"""Tuning of AMCL: presets driven at levels of disturbance or replayed on a recording."""
+"""Tuning of AMCL: presets simulated at levels of disturbance, or replayed on a recording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from locplan._support.checks import check_instance, check_integer, check_threads
 from locplan._support.intervals import format_metres
 from locplan._support.kernels.arrays import Floats
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Result, Table
 from locplan._support.runs import get_command_line
@@ -26,8 +26,8 @@ from locplan.advice.preset_choice import (
     CaseResult,
     LevelCase,
     PresetChoice,
-    choice_values,
     choose_preset,
+    summarize_choice,
 )
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps.grid import OccupancyGrid, check_grid
@@ -71,9 +71,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuning(Result):
-    """The best settings of AMCL for a map or a recording: a preset or the user's, with evidence."""
+    """Result of `tune`: AMCL's best settings for a map or a recording, with evidence."""
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "tuning",
         ("tuning.json", "tuning.png", "nav2_params.yaml"),
         purposes={
@@ -87,8 +87,8 @@ class Tuning(Result):
     robot: Robot
     """The robot with the user's settings of AMCL."""
     choice: PresetChoice
-    """The settings to use, and the drives that chose them."""
-    beams_left: BeamCount
+    """The recommended settings, and the drives that support them."""
+    beam_count: BeamCount
     """Number of the compared beams that return."""
     warnings: tuple[str, ...]
     """Warnings of the user's settings."""
@@ -101,7 +101,7 @@ class Tuning(Result):
     recording: str = ""
     """Names of the recordings; empty for simulated drives."""
     filter_map: OccupancyGrid | None = None
-    """The filter's map, if it is not that of `grids`."""
+    """The filter's map, if it differs from `grids`."""
     notes: tuple[str, ...] = ()
     """Limits of the result, in sentences without a full stop."""
 
@@ -115,12 +115,12 @@ class Tuning(Result):
 
     @property
     def winner(self) -> Amcl:
-        """The settings to use: those of a preset, or the user's."""
+        """The recommended settings: a preset, or the user's settings."""
         return self.choice.settings
 
     @property
     def changes(self) -> dict[str, float | str]:
-        """Parameters to change, by their names; empty if no preset is to be used."""
+        """Values of the parameters to change, by name; empty without a preset."""
         user_settings, winner = self.robot.amcl, self.winner
         return {name: getattr(winner, name) for name in find_differing_names(user_settings, winner)}
 
@@ -145,7 +145,7 @@ class Tuning(Result):
         return next(r for r in self.choice.results if r.settings == name and r.case in cases)
 
     def table(self) -> Table:
-        """The drives with each settings, a row per case."""
+        """Return the table of all settings, a row per case."""
         return self.choice.table()
 
     def figure(self, *_: Any) -> Figure:
@@ -154,7 +154,7 @@ class Tuning(Result):
         Parameters
         ----------
         *_
-            What `save` takes, which the figure does not show.
+            Arguments of `save`; ignored.
         """
         from locplan.advice.figures import tuning_figure
 
@@ -164,12 +164,12 @@ class Tuning(Result):
         write_tuned(folder / "nav2_params.yaml", self.winner, *related)
 
     def summary(self, *related: Any, **details: Any) -> dict[str, object]:
-        """Everything in numbers, fit for JSON.
+        """Return the result as plain data for JSON.
 
         Parameters
         ----------
         *related, **details
-            What `save` takes, which the numbers do not have.
+            Arguments of `save`; ignored.
         """
         maps = [{"name": grid.name, "digest": grid.digest} for grid in self.grids]
         return nan_to_none(
@@ -177,11 +177,11 @@ class Tuning(Result):
                 "conclusion": self.conclusion,
                 **({"maps": maps} if maps[1:] else {"map": maps[0]}),
                 "changes": self.changes,
-                "choice": choice_values(self.choice),
+                "choice": summarize_choice(self.choice),
                 "notes": list(self.notes),
                 "warnings": list(self.warnings),
-                "beams_compared": self.beams_left.compared,
-                "beams_returned": self.beams_left.returned,
+                "beams_compared": self.beam_count.compared,
+                "beams_returned": self.beam_count.returned,
                 **{name: getattr(self, name) for name in ("paths", "drives", "seed")},
                 **summarize_filter_map(self.filter_map),
                 "robot": self.robot.summary(),
@@ -211,25 +211,24 @@ def tuning_report(tuning: Tuning) -> str:
         "",
         str(tuning.table()),
         _wrap(choice.describe_table(tuning.seed)),
-        *(_wrap(f"{text[:1].upper()}{text[1:]}.") for text in _minor_objections(tuning)),
+        *(_wrap(f"{text[:1].upper()}{text[1:]}.") for text in _list_minor_objections(tuning)),
         "",
-        f"{tuning.robot.known_lidar.title}: {tuning.beams_left}{recorded}",
+        f"{tuning.robot.known_lidar.title}: {tuning.beam_count}{recorded}",
         *(f"warning: {warning}" for warning in tuning.warnings),
     ]
     if choice.is_preset:
-        lines.append("To go back, use your own file again: it stays as it was.")
+        lines.append("Your file is unchanged. To undo, use it again.")
     elif tuning.recording:
         lines.append(
             _wrap(
-                f"No preset holds on your drive: keep {USER_SETTINGS}. Look at how well the map"
-                " fits there,"
-                " and how far odometry drifts (locplan recording FILE MAP)."
+                f"No preset kept AMCL localized on your drive: keep {USER_SETTINGS}. Check the fit"
+                " of the map and the drift of odometry: locplan recording FILE MAP"
             )
         )
     return "\n".join(lines)
 
 
-def _minor_objections(tuning: Tuning) -> list[str]:
+def _list_minor_objections(tuning: Tuning) -> list[str]:
     """Return the objections that the conclusion does not name."""
     return [*tuning.choice.objections.values()] if tuning.choice.is_preset else []
 
@@ -239,13 +238,12 @@ def _wrap(text: str) -> str:
 
 
 LONGEST = 40.0
-"""Length of a path beyond which settings are driven along a part of it [m]."""
+"""Maximum length of a driven part of a path [m]."""
 LEVEL_LOOKS = (16, 32)
-"""Numbers of drives along all paths together after which a level may be decided."""
+"""Numbers of drives along all paths together at the interim looks of a level."""
 DISTANCES = (20.0, 8.0, 4.0, 2.0)
-"""Least distances between the ends of paths, of which the first is taken that the map is large
-enough for [m]. After 2 m of standstill most filters need 10 m or more to return: shorter drives end
-before."""
+"""Minimum distances between the ends of paths; the first that fits the map is used [m]. After 2 m
+of standstill most filters need at least 10 m to recover."""
 
 
 def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
@@ -254,7 +252,7 @@ def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
     Parameters
     ----------
     costs : Costmap
-        Costmap that is blocked where the robot does not fit.
+        Costmap that blocks cells without room for the robot.
     count : int
         Number of paths.
     seed : int
@@ -263,7 +261,7 @@ def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
     Raises
     ------
     ConfigError
-        If no two positions of the map that are joined lie 2 m apart.
+        If no two connected positions of the map lie 2 m apart.
     """
     for min_distance in DISTANCES:
         try:
@@ -272,7 +270,7 @@ def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
         except ConfigError as error:
             fault = str(error).split(";")[0]
     else:
-        raise ConfigError(f"{fault}; give a larger map, or a smaller robot")
+        raise ConfigError(f"{fault}. Use a larger map or a smaller robot")
     random = np.random.default_rng(seed)
     paths = (plan(costs, query.start, query.goal).path for query in queries)
     return [cut_path(path, random.random()) for path in paths if path is not None]
@@ -291,7 +289,7 @@ def make_simulated_cases(
     seed: int = 1,
     threads: int | None = None,
 ) -> list[LevelCase]:
-    """Return a case for each level of disturbance that can affect the paths.
+    """Return the cases of simulated drives, one for each level that can affect the paths.
 
     Parameters
     ----------
@@ -302,10 +300,10 @@ def make_simulated_cases(
     levels : sequence of Level
         The levels.
     drives : int, default 1
-        Number of drives along each path at the usual level. At the others there are as many, and 64
-        along all paths at least.
+        Number of drives along each path. Levels of disturbance have at least 64 drives along all
+        paths.
     label : str, default ""
-        Name of the map before that of the level; empty for a single map.
+        Name of the map for the case's name; empty for a single map.
     """
     paths_by_name = {f"{n}": path for n, path in enumerate(paths, 1)}
 
@@ -387,8 +385,8 @@ def tune(
     """Find the preset of AMCL's settings that localizes a robot best on its map.
 
     The user's settings and the presets of `locplan.robots.presets` drive along random shortest
-    paths. A preset is to be used if it is better at the usual level of disturbance, and at no
-    other level off at the end significantly more often, see `locplan.simulation.verdict`.
+    paths. A preset is recommended if it is better at the usual level of disturbance, and at no
+    further level off at the end significantly more often, see `locplan.simulation.verdict`.
 
     Parameters
     ----------
@@ -453,13 +451,22 @@ def tune(
         plan_random_paths(Costmap.blank(map_grid, robot=simulated_robot), paths, seed)
         for map_grid in grids
     ]
-    labels = number_names([map_grid.name or "map" for map_grid in grids]) if grids[1:] else [""]
-    shared: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
+    labels = (
+        make_names_unique([map_grid.name or "map" for map_grid in grids]) if grids[1:] else [""]
+    )
     cases = [
         case
         for map_grid, map_paths, label in zip(grids, ways, labels, strict=True)
         for case in make_simulated_cases(
-            map_grid, simulated_robot, map_paths, levels, drives=drives, label=label, **shared
+            map_grid,
+            simulated_robot,
+            map_paths,
+            levels,
+            drives=drives,
+            label=label,
+            filter_map=filter_map,
+            seed=seed,
+            threads=threads,
         )
     ]
     lines = [
@@ -473,7 +480,7 @@ def tune(
         grids=tuple(grids),
         robot=simulated_robot,
         choice=choice,
-        beams_left=beams_left,
+        beam_count=beams_left,
         warnings=list_setting_warnings(
             simulated_robot, choice.settings, beams_left, further_parameters
         ),
@@ -485,7 +492,7 @@ def tune(
 
 
 def as_list(single_or_many: Any) -> list[Any]:
-    """Return a map or a recording, or a sequence of them that is not empty, as a list.
+    """Return one map or recording, or a non-empty sequence of them, as a list.
 
     Parameters
     ----------
@@ -497,8 +504,8 @@ def as_list(single_or_many: Any) -> list[Any]:
     return [*values] if is_sequence else [values]
 
 
-def number_names(names: Sequence[str]) -> list[str]:
-    """Return names with a number behind those that stood before.
+def make_names_unique(names: Sequence[str]) -> list[str]:
+    """Return names with numbers that tell equal ones apart.
 
     Parameters
     ----------
@@ -538,14 +545,14 @@ def tune_on_drive(
     drive. The precise preset is used if the recording has no fault, no run is off at the end, the
     error is no larger than with the user's settings, and the preset is not worse in simulation.
     Otherwise the safe preset is tried in the same way, and otherwise the user's settings stay. The
-    recorded poses are the ground truth, so they should not be those of the filter to be tuned.
+    recorded poses are the ground truth, so they should not come from the filter to be tuned.
 
     Parameters
     ----------
     recording : Recording or sequence of Recording
         The drive, with odometry; or several for one parameter file: settings must hold on each.
     grid : OccupancyGrid or sequence of OccupancyGrid
-        The map; the poses are in its world frame. Of several drives, that of all, or one for each.
+        The map, with the poses in its world frame; for several drives one map, or one for each.
     robot : Robot, optional
         The robot with the user's settings of the filter, and with the deviation of the filter's
         first pose; Nav2's defaults without it.
@@ -597,7 +604,7 @@ def tune_on_drive(
     check_integer("seed", seed, 0)
     check_threads(threads)
     names = [drive.source.file or "the drive" for drive in recordings]
-    labels = number_names(names)
+    labels = make_names_unique(names)
     drive_robot = recordings[0].robot(robot)
     drives_on_maps = [
         ReplayedDrive(label, drive, map_grid, drive.robot(robot), filter_map, drives, seed, threads)
@@ -612,7 +619,9 @@ def tune_on_drive(
         for replayed_drive in drives_on_maps
     ]
     maps = [*dict.fromkeys(grids)]
-    map_labels = number_names([map_grid.name or "map" for map_grid in maps]) if maps[1:] else [""]
+    map_labels = (
+        make_names_unique([map_grid.name or "map" for map_grid in maps]) if maps[1:] else [""]
+    )
     cases = []
     for map_grid, label in zip(maps, map_labels, strict=True):
         paths = plan_random_paths(Costmap.blank(map_grid, robot=drive_robot), SIMULATED_PATHS, seed)
@@ -635,7 +644,7 @@ def tune_on_drive(
         are_recordings_sound=all(fault.is_sound for fault in faults),
         progress=progress,
     )
-    beams_left = min(map(_beams_left, drives_on_maps), key=lambda left: left.returned)
+    beams_left = min(map(_count_returned_beams, drives_on_maps), key=lambda left: left.returned)
     sparse = dict.fromkeys(
         note for drive in recordings for note in sparse_notes(drive, drive_robot.amcl)
     )
@@ -648,7 +657,7 @@ def tune_on_drive(
         grids=tuple(maps),
         robot=drive_robot,
         choice=choice,
-        beams_left=beams_left,
+        beam_count=beams_left,
         warnings=list_setting_warnings(
             drive_robot, choice.settings, beams_left, further_parameters
         ),
@@ -662,14 +671,14 @@ def tune_on_drive(
 
 
 def _check_drive(drive: ReplayedDrive) -> None:
-    """Raise a RecordingError if a drive cannot be replayed, or is too short."""
+    """Raise a RecordingError if a drive cannot be replayed or is too short."""
     ReplayInputs(drive.recording, check_filter_map(drive.filter_map, drive.grid))
     if limit := find_replay_limit(drive.recording):
         raise RecordingError(f"{drive.name}: {limit}")
 
 
-def _beams_left(drive: ReplayedDrive) -> BeamCount:
-    """Return the beams that return on a drive."""
+def _count_returned_beams(drive: ReplayedDrive) -> BeamCount:
+    """Return the numbers of compared and returned beams on a drive."""
     tracks = ReplayInputs(drive.recording, check_filter_map(drive.filter_map, drive.grid))
     ends = tracks.ends(drive.robot.amcl)
     return BeamCount(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))

@@ -1,4 +1,4 @@
-"""Weak spots of a map: connected places where a match is degenerate, as polygons."""
+"""Weak spots of a map: polygons of connected cells with high degeneracy."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ class DegenerateArea:
     direction: float
     """Direction along which the position is uncertain, from x, in (-pi/2, pi/2] [rad]."""
     agreement: float
-    """1 where all places are uncertain along that line only, 0 where there is no common one."""
+    """1 if all cells are uncertain along that line only, 0 without a common direction."""
 
     @property
-    def agrees(self) -> bool:
-        """Whether the area counts as uncertain along one line, which robots drive along."""
+    def has_common_direction(self) -> bool:
+        """True if the area is uncertain along one common line."""
         return self.agreement >= 0.5
 
     def __repr__(self) -> str:
@@ -60,20 +60,20 @@ class DegenerateArea:
         )
 
 
-class Ring(NamedTuple):
+class CellRing(NamedTuple):
     """A closed line around an area of cells, or around a hole in it."""
 
     corners: Ints
     """Columns and rows of its corners [quarters of a cell], (n, 2), one a cell's edge."""
     cell: tuple[int, int]
-    """Row and column of a cell of the area, beside the ring."""
+    """Row and column of a cell of the area next to the ring."""
 
 
-def trace_rings(mask: Bools) -> list[Ring]:
-    """All rings along the edges of the cells of a mask, (H, W).
+def trace_rings(mask: Bools) -> list[CellRing]:
+    """Trace all rings along the edges of the cells of a mask, (H, W).
 
-    Cells that meet at a corner alone do not belong together: both sides keep a quarter of a cell
-    away from it, so that no ring meets itself or another one.
+    Cells that only share a corner are not connected: both sides keep a quarter of a cell away from
+    it, so that rings never touch.
     """
     inside = np.pad(mask, 1)
     width = inside.shape[1]
@@ -102,13 +102,13 @@ def trace_rings(mask: Bools) -> list[Ring]:
     corner_shift = _STEPS[(direction + 1) % 4] - _STEPS[direction]
     corner[turns[1] & turns[3]] += corner_shift[turns[1] & turns[3]]
     return [
-        Ring(corner[ring], (int(cell[ring[0], 0]), int(cell[ring[0], 1])))
+        CellRing(corner[ring], (int(cell[ring[0], 0]), int(cell[ring[0], 1])))
         for ring in _find_cycles(after.tolist())
     ]
 
 
 def _find_cycles(after: list[int]) -> list[list[int]]:
-    """The cycles of a permutation."""
+    """Return the cycles of a permutation."""
     visited = bytearray(len(after))
     cycles = []
     for first in range(len(after)):
@@ -122,25 +122,25 @@ def _find_cycles(after: list[int]) -> list[list[int]]:
     return cycles
 
 
-def signed_area(corners: NDArray[Any]) -> float:
-    """Area of a ring in the square of its unit, negative if it runs clockwise."""
+def compute_signed_area(corners: NDArray[Any]) -> float:
+    """Return the area of a ring in the square of its unit, negative if it runs clockwise."""
     x, y = (corners - corners[0]).T
     return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
 
 
-def thin_rings(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
-    """The corners that are left of an area's rings, as sorted indices, by Douglas and Peucker.
+def simplify_rings(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
+    """Return the indices of the kept corners of an area's rings, by Douglas and Peucker.
 
-    `tolerance` is the greatest distance of a corner that is left out [cells]; less is taken where
-    the area would change by more than 2 %.
+    `tolerance` is the maximum distance of a dropped corner [cells]. It is halved until the area
+    changes by at most 2 %.
     """
-    exact = sum(map(signed_area, rings))
+    exact = sum(map(compute_signed_area, rings))
     while tolerance >= 1 / 8:
         corner_indices = [_simplify_ring(ring, tolerance) for ring in rings]
         left = (ring[k] for ring, k in zip(rings, corner_indices, strict=True))
-        areas = [signed_area(ring) if len(ring) > 2 else 0.0 for ring in left]
+        areas = [compute_signed_area(ring) if len(ring) > 2 else 0.0 for ring in left]
         have_same_sign = all(
-            a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True)
+            a * compute_signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True)
         )
         if have_same_sign and abs(sum(areas) - exact) <= 0.02 * exact:
             return corner_indices
@@ -149,7 +149,7 @@ def thin_rings(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
 
 
 def _simplify_ring(ring: Ints, tolerance: float) -> Ints:
-    """Indices of the corners that Douglas and Peucker keep."""
+    """Return the indices of the corners that Douglas and Peucker's algorithm keeps."""
     import cv2
 
     corners = cv2.approxPolyDP(ring.astype(np.int32)[:, None], QUARTERS * tolerance, True)[:, 0]
@@ -158,12 +158,12 @@ def _simplify_ring(ring: Ints, tolerance: float) -> Ints:
 
 
 def untangle_rings(rings: Sequence[Ints], corner_indices: Sequence[Ints]) -> list[Ints]:
-    """The corners that are left, and as many more as it takes that no lines meet."""
+    """Return the kept corners, with corners added back until no lines meet."""
     corner_indices = list(corner_indices)
     while True:
         corners = [ring[k] for ring, k in zip(rings, corner_indices, strict=True)]
         bounds = np.cumsum([0, *map(len, corners)])
-        met = find_meeting_lines(corners)
+        met = mark_meeting_lines(corners)
         if not met.any():
             return corner_indices
         for n in np.flatnonzero(np.add.reduceat(met, bounds[:-1])).tolist():
@@ -175,7 +175,7 @@ def untangle_rings(rings: Sequence[Ints], corner_indices: Sequence[Ints]) -> lis
 
 
 def _find_farthest_corner(ring: Ints, corner_indices: Ints, line: int) -> Ints:
-    """Index of the corner farthest from a line that left it out; none if it left out none."""
+    """Return the index of the dropped corner farthest from a line; empty without one."""
     first, last = corner_indices[line], corner_indices[(line + 1) % len(corner_indices)]
     left_out = np.arange(first + 1, last if last > first else last + len(ring)) % len(ring)
     if not left_out.size:
@@ -186,8 +186,8 @@ def _find_farthest_corner(ring: Ints, corner_indices: Ints, line: int) -> Ints:
     return np.asarray(left_out[farthest : farthest + 1])
 
 
-def find_meeting_lines(rings: Sequence[Ints]) -> Bools:
-    """Whether each line of the rings, one after the other, meets any but its neighbours' ends."""
+def mark_meeting_lines(rings: Sequence[Ints]) -> Bools:
+    """Mark the lines of the rings that meet a line which is not their neighbour, (n,)."""
     sizes = [len(ring) for ring in rings]
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
@@ -217,7 +217,7 @@ def find_meeting_lines(rings: Sequence[Ints]) -> Bools:
 
 
 def _compare_sides(along: Ints, origin: Ints, first: Ints, second: Ints) -> Ints:
-    """At most 0 where two points do not lie strictly on one side of a line."""
+    """Return at most 0 if two points do not lie strictly on one side of a line."""
     return np.sign(_cross(along, first - origin)) * np.sign(_cross(along, second - origin))
 
 
@@ -226,20 +226,20 @@ def _cross(a: Ints, b: Ints) -> Ints:
 
 
 def make_polygons(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> dict[int, list[Ints]]:
-    """The rings of each label, its outline first; holes of fewer cells are filled."""
-    of_label: dict[int, list[Ring]] = {}
+    """Return the rings of each label, outline first; holes of fewer cells are filled."""
+    of_label: dict[int, list[CellRing]] = {}
     for ring in trace_rings(mask):
         of_label.setdefault(int(labels[ring.cell]), []).append(ring)
     rings, corner_indices, owners = [], [], []
     for label, label_rings in of_label.items():
-        areas = np.array([signed_area(ring.corners) / QUARTERS**2 for ring in label_rings])
+        areas = np.array([compute_signed_area(ring.corners) / QUARTERS**2 for ring in label_rings])
         first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
         total = np.cumsum(-areas[holes])
         # Holes that are filled have at most 2 % of the area.
         filled = (areas[holes] > -min_hole) & (total <= 0.02 * areas[first])
         corners = [label_rings[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
         rings += corners
-        corner_indices += thin_rings(corners, 1.0)  # [cells], which makes steps straight
+        corner_indices += simplify_rings(corners, 1.0)  # [cells], which makes steps straight
         owners += [label] * len(corners)
     polygons: dict[int, list[Ints]] = {}
     if rings:
@@ -251,7 +251,7 @@ def make_polygons(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> di
 
 
 def find_middle_cell(inside: Bools) -> tuple[int, int]:
-    """Of the cells far from the edge of an area (H, W), that nearest to their mean."""
+    """Return the cell nearest to the mean of the cells far from an area's edge, (H, W)."""
     import cv2
 
     distance = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)
@@ -260,20 +260,19 @@ def find_middle_cell(inside: Bools) -> tuple[int, int]:
     return row, col
 
 
-def degenerate_areas(
+def find_degenerate_areas(
     costs: Costmap, field: CovarianceField, *, threshold: float | None = None, min_area: float = 1.0
 ) -> tuple[DegenerateArea, ...]:
     """Find the areas where u is at least a threshold, the largest first.
 
-    Cells belong together that share an edge. Polygons follow the edges of cells to within a cell;
-    they do not meet themselves, their holes or each other. The smallest holes
-    are filled: those below 0.1 m^2, up to 2 % of an area.
+    Cells that share an edge are connected. Polygons follow the edges of cells to within a cell and
+    never intersect. Holes below 0.1 m^2 are filled, up to 2 % of an area.
 
     Parameters
     ----------
     costs : Costmap
-        A costmap that was made of the field; its law and criterion define u. One without a field
-        has no areas.
+        The costmap of the field; its law and criterion define u. A costmap without a field has no
+        areas.
     field : CovarianceField
         The field; several headings count by their mean information.
     threshold : float, optional
@@ -285,7 +284,7 @@ def degenerate_areas(
     Returns
     -------
     tuple of DegenerateArea
-        None where no area is large enough.
+        Empty if no area is large enough.
 
     Raises
     ------
@@ -341,19 +340,29 @@ def degenerate_areas(
             for corners in polygons[label]
         )
         middle = grid.position(row + low, col + left)
-        statistics = _summarize_covariances(covariance) | {"area": float(sizes[label])}
-        areas.append(DegenerateArea(outline, tuple(holes), middle, **statistics))
+        position_std, heading_std, direction, agreement = _summarize_covariances(covariance)
+        areas.append(
+            DegenerateArea(
+                outline=outline,
+                holes=tuple(holes),
+                middle=middle,
+                area=float(sizes[label]),
+                position_std=position_std,
+                heading_std=heading_std,
+                direction=direction,
+                agreement=agreement,
+            )
+        )
     return tuple(areas)
 
 
 def _choose_threshold(costs: Costmap, field: CovarianceField, threshold: float | None) -> float:
-    """A threshold, or half of the u of a place that is featureless along one line.
+    """Return the threshold, by default half of the u of a corridor without features.
 
-    Such a place, well marked across, is a corridor without features. Its u is 1 by the deviation of
-    the position, and less by e, to which the position across and the heading count as well. On a
-    logarithmic scale half of it is the geometric mean of the deviations of a perfect match and of
-    none: .21 m for those that know the lidar, .26 m for `Sad`. Where u is made of something else,
-    it is that of degenerate metres.
+    For the criterion of position deviations, u of such a corridor is 1. For e it is less, since e
+    includes the position across and the heading. On a logarithmic scale, half of it is the
+    geometric mean of the deviations of a perfect match and of no match: 0.21 m for estimators that
+    know the lidar, 0.26 m for `Sad`. For a custom u it is the threshold of degenerate metres.
     """
     if threshold is not None:
         return threshold
@@ -371,7 +380,7 @@ def _choose_threshold(costs: Costmap, field: CovarianceField, threshold: float |
 
 
 def _group_covariances(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, Floats]:
-    """The covariances on the lattice points of each label, (n, d, d)."""
+    """Return the covariances on the lattice points of each label, (n, d, d)."""
     owner = np.where(field.is_evaluated, labels[:: field.stride, :: field.stride], 0)
     rows, cols = np.nonzero(owner)
     order = np.argsort(owner[rows, cols], kind="stable")
@@ -382,15 +391,15 @@ def _group_covariances(field: CovarianceField, labels: NDArray[np.int32]) -> dic
 
 
 def _read_covariances(field: CovarianceField, cells: Ints) -> Floats:
-    """Covariances at some cells (n, 2) of an area that lies between the lattice's points."""
+    """Interpolate covariances at cells (n, 2) of an area between lattice points."""
     sampled_cells = cells[:: -(-len(cells) // 50)]
     xy = np.column_stack(field.grid.grid_to_world(*(sampled_cells + 0.5).T))
     covariances = field.at(xy, "covariance")
     return covariances[np.isfinite(covariances).all(axis=(1, 2))]
 
 
-def _summarize_covariances(covariance: Floats) -> dict[str, Any]:
-    """What the covariances of places (n, d, d) say of their area: fields of `DegenerateArea`."""
+def _summarize_covariances(covariance: Floats) -> tuple[float, float, float, float]:
+    """Return position_std, heading_std, direction and agreement of covariances (n, d, d)."""
     major, minor, direction = position_axes(covariance)
     heading = scalar(covariance, "heading_std")
     if covariance.shape[-1] == 2:
@@ -398,17 +407,17 @@ def _summarize_covariances(covariance: Floats) -> dict[str, Any]:
     total = major**2 + minor**2
     longer = np.divide(major**2 - minor**2, total, where=total > 0, out=np.zeros_like(total))
     mean = np.mean(longer * np.exp(2j * direction))  # a line's directions are alike, doubled
-    return {
-        "position_std": float(np.median(major)),
-        "heading_std": float(np.median(heading)),
-        "direction": float(np.angle(mean) / 2),
-        "agreement": float(np.abs(mean)),
-    }
+    return (
+        float(np.median(major)),
+        float(np.median(heading)),
+        float(np.angle(mean) / 2),
+        float(np.abs(mean)),
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WeakSpot:
-    """A place where scans fit the map at many poses, or where drives fail anyway."""
+    """A degenerate place of the map, or another place at which drives fail."""
 
     letter: str
     """Its letter on the picture, A for the worst; empty beyond the sixth."""
@@ -438,7 +447,7 @@ class WeakSpot:
     lost: int = 0
     """Number of the baseline's drives that get lost in it, or up to 10 m after."""
     stopped: int = 0
-    """Number of the baseline's closed-loop drives that stop there instead of at the goal."""
+    """Number of the baseline's closed-loop drives that stop there, short of the goal."""
 
     def __repr__(self) -> str:
         return f"WeakSpot({self.letter}: {self.size} at {self.place}, {self.missing})"
@@ -450,41 +459,40 @@ class WeakSpot:
 
     @property
     def size(self) -> str:
-        """Its extent, as people read it."""
+        """Its extent as text."""
         return f"{self.length:.0f} x {self.width:.0f} m" if self.rings else "-"
 
     @property
     def deviation(self) -> str:
-        """How uncertain a pose of a scan is there."""
+        """The standard deviation of a scan match there, as text."""
         if not self.rings:
             return "-"
-        if self.missing == ROUND:
+        if self.missing == NO_HEADING:
             return f"{math.degrees(self.heading_std):.0f} deg"
         return f"{100 * self.position_std:.0f} cm"
 
     @property
     def rings(self) -> tuple[Floats, ...]:
-        """Corners of its outline and of its holes [m]; nothing where no scan is weak."""
+        """Corners of its outline and holes [m]; empty for a place that is not degenerate."""
         return (self.outline, *self.holes) if len(self.outline) else ()
 
     @property
     def severity(self) -> tuple[float, ...]:
-        """What it is ranked by: failed drives, and deviation x length x number of routes."""
+        """Sort key: failed drives, then deviation x length x number of routes."""
         weight = self.position_std * self.length if self.rings else 0.0
         return self.lost + self.stopped, self.stopped, weight * len(self.routes), weight
 
 
-ROUND, CLEAR = "no corner fixes the heading", "the filter errs although scans fit"
-"""What is missing if only the heading is uncertain, and at a place where scans are not weak."""
+NO_HEADING, SCANS_FIT = "no corner fixes the heading", "the filter errs although scans fit"
+"""Reasons if only the heading is uncertain, and at a place that is not degenerate."""
 
 
 def find_weak_spots(
     costs: Costmap, field: CovarianceField, reach: float, paths: Mapping[str, Path]
 ) -> tuple[WeakSpot, ...]:
-    """The weak spots of a map, first those of the largest deviation x length x routes that pass.
+    """Find the weak spots of a map, sorted by deviation x length x number of passing routes.
 
-    They lie in the parts of the map that the robot can reach from the routes; without routes, in
-    the largest part.
+    Only parts of the map that are connected to a route count; without routes, the largest part.
 
     Parameters
     ----------
@@ -493,7 +501,7 @@ def find_weak_spots(
     field : CovarianceField
         The field.
     reach : float
-        Range within which the filter reads the lidar [m].
+        Maximum lidar range that the filter uses [m].
     paths : mapping of str to Path
         The routes by name.
     """
@@ -506,9 +514,9 @@ def find_weak_spots(
 
 
 def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
-    """Mark the free cells that the robot covers in the parts of the map where routes lie.
+    """Mark the free cells that the robot covers in the parts of the map with routes.
 
-    Without routes it is the largest part.
+    Without routes, mark the largest part.
     """
     import cv2
 
@@ -533,10 +541,10 @@ def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
 
 
 def _find_areas(costs: Costmap, field: CovarianceField, free: float) -> tuple[DegenerateArea, ...]:
-    """Degenerate areas, none of which takes most of the map unless nothing divides it."""
+    """Return the degenerate areas; a higher threshold divides areas of a quarter of the map."""
     areas: tuple[DegenerateArea, ...] = ()
     for threshold in (None, 0.6, 0.7, 0.8, 0.9):  # minimum u of a spot's cells
-        before, areas = areas, degenerate_areas(costs, field, threshold=threshold)
+        before, areas = areas, find_degenerate_areas(costs, field, threshold=threshold)
         if not areas:
             return before
         if areas[0].area < 0.25 * free:  # else an area takes too much of the map
@@ -564,8 +572,8 @@ def _make_spot(
     if compute_visible_share(grid, (x, y), reach) < 0.35:  # of the directions
         missing = f"few walls within {reach:g} m"
     elif turns:
-        missing = ROUND
-    elif not area.agrees:
+        missing = NO_HEADING
+    elif not area.has_common_direction:
         missing = "no long wall, only clutter"
     return WeakSpot(
         letter="",
@@ -573,7 +581,7 @@ def _make_spot(
         y=y,
         length=length,
         width=width,
-        direction=direction if area.agrees else math.nan,
+        direction=direction if area.has_common_direction else math.nan,
         position_std=area.position_std,
         heading_std=area.heading_std,
         missing=missing,
@@ -584,7 +592,7 @@ def _make_spot(
 
 
 def compute_visible_share(grid: OccupancyGrid, xy: tuple[float, float], reach: float) -> float:
-    """Share of 72 directions from a place in which a wall stands within a range [m]."""
+    """Return the share of 72 directions with a wall within a range of a place [m]."""
     angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
     steps = np.arange(0.0, reach, grid.resolution / 2)
     at = grid.world_to_grid(xy[0] + steps * np.cos(angles), xy[1] + steps * np.sin(angles))
@@ -596,12 +604,12 @@ def compute_visible_share(grid: OccupancyGrid, xy: tuple[float, float], reach: f
 
 
 def sample_path(path: Path) -> Floats:
-    """Points of a path every quarter of a metre, (n, 2) [m]."""
+    """Return the points of a path every 0.25 m, (n, 2) [m]."""
     return np.asarray(path.resample(0.25, even=True).xy)
 
 
 def are_inside_outline(outline: Floats, points: Floats) -> Bools:
-    """Which of some points (n, 2) lie in an outline, (n,)."""
+    """Mark the points (n, 2) inside an outline, (n,)."""
     import cv2
 
     if not len(outline):
@@ -612,7 +620,7 @@ def are_inside_outline(outline: Floats, points: Floats) -> Bools:
 
 
 def are_inside(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
-    """Which of some points lie in an area, and in none of its holes."""
+    """Mark the points (n, 2) inside an area and outside its holes, (n,)."""
     is_inside = are_inside_outline(area.outline, points)
     for hole in area.holes:
         is_inside &= ~are_inside_outline(hole, points)
@@ -620,7 +628,7 @@ def are_inside(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
 
 
 def group_positions(xy: Floats, radius: float) -> list[tuple[Floats, Ints]]:
-    """Positions in groups, the largest first: one within a radius of all, and which they are.
+    """Group positions, the largest group first: each group's centre and member indices.
 
     Parameters
     ----------

@@ -19,8 +19,8 @@ from locplan._support.checks import (
     check_instance,
     check_integer,
     check_workers,
+    count_usable_cores,
     short_repr,
-    usable_cores,
 )
 from locplan._support.output import temporary_folder
 from locplan.comparison.benchmarks import read_benchmark_map, read_scenarios
@@ -193,8 +193,8 @@ def _describe_comparison(
     """Versions, the machine, the planners, random queries and the limits, fit for JSON."""
     return {
         **versions(),
-        "machine": f"{platform.machine()}, {usable_cores()} cores",
-        "workers": execution.workers or usable_cores(),
+        "machine": f"{platform.machine()}, {count_usable_cores()} cores",
+        "workers": execution.workers or count_usable_cores(),
         "began": began.isoformat(timespec="seconds"),
         "planners": {spec.label: spec.identity() for spec in specs},
         **{name: getattr(execution, name) for name in ("time_limit", "memory", "patience")},

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from locplan._support import drawing as styles
 from locplan._support.checks import make_printable
-from locplan._support.drawing import Picture, label_plainly
+from locplan._support.drawing import Picture, label_with_plain_numbers
 from locplan._support.kernels.arrays import Floats
 from locplan.comparison.statistics import (
     Run,
@@ -175,7 +175,7 @@ def scene_figure(scene: QueryScene) -> Figure:
         image = draw_field(axes, field)
         label = f"{field.quantity().axis}: the darker, the less a scan tells"
         bar = figure.colorbar(image, ax=axes, label=label, location="bottom", aspect=40, pad=0.04)
-        label_plainly(bar.ax.xaxis, 6)
+        label_with_plain_numbers(bar.ax.xaxis, 6)
     axes.set(xlabel="", ylabel="")
     paths = {name: Path(np.array(run.xy)) for name, run in scene.runs.items()}
     handles = []

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from typing import Any
 
 from locplan._support.checks import check_file_path
-from locplan._support.files import errors_in_one_line, make_folder
+from locplan._support.files import make_folder, shorten_errors
 from locplan._support.reading import open_file, parse_json
 from locplan._support.saved import decode_tree
 from locplan._support.tables import nan_to_none
@@ -51,7 +51,7 @@ class Journal:
         self._head = {"format": FORMAT, "version": VERSION, **nan_to_none(settings)}
         self._has_made_folder = not self.path.parent.exists()
         make_folder(self.path.parent)
-        with errors_in_one_line(self.path):
+        with shorten_errors(self.path):
             if self.path.exists():
                 open_file(self.path, 2**28).close()
             self._file = self.path.open("a+", encoding="ascii")
@@ -68,7 +68,7 @@ class Journal:
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         # Closing writes what could not be written before.
-        with errors_in_one_line(self.path) if error is None else suppress(OSError):
+        with shorten_errors(self.path) if error is None else suppress(OSError):
             self._file.close()
         if error is not None and not self.runs:
             self.path.unlink(missing_ok=True)
@@ -148,7 +148,7 @@ class Journal:
             ) from None
 
     def _append(self, content: Mapping[str, Any]) -> None:
-        with errors_in_one_line(self.path):
+        with shorten_errors(self.path):
             self._file.write(_line(content) + "\n")
             self._file.flush()
 

@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.records import Column, Result, Table
 from locplan._support.saved import to_plain_data
 from locplan._support.tables import wrap_lines
@@ -154,7 +154,7 @@ STANDINGS = (
 class Comparison(Result):
     """All runs of a comparison with their statistics; `compare` makes it."""
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "comparison",
         ("report.html", "comparison.csv", "runs.csv"),
         unfinished=("runs.jsonl",),

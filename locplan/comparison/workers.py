@@ -26,7 +26,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
-from locplan._support.checks import usable_memory
+from locplan._support.checks import get_usable_memory
 from locplan._support.supervision import end_with_parent
 from locplan.comparison.planners import PlannerSpec
 from locplan.comparison.runs import Job, forbid_core_files, perform_job
@@ -57,7 +57,7 @@ class Workers:
         limits = (spec.time_limit for spec in planners)
         self._limits = [patience if limit is None else 2 * limit + 10.0 for limit in limits]
         # A fair share by default, so that the machine has some left.
-        memory = usable_memory() / count if memory is None else memory
+        memory = get_usable_memory() / count if memory is None else memory
         self._greeting = pickle.dumps((memory, _pickle_planners(planners)))
         self._scratch = scratch
         self._orders: queue.SimpleQueue[Job | None] = queue.SimpleQueue()

@@ -12,7 +12,7 @@ from typing import Any
 from locplan._support.checks import check_choice
 from locplan._support.files import PICTURES, check_target
 from locplan._support.output import Output, strip_staging_folder
-from locplan._support.progress import working
+from locplan._support.progress import show_spinner
 from locplan._support.saved import to_plain_data
 from locplan._support.tables import format_table
 from locplan.errors import LocplanError
@@ -74,7 +74,7 @@ class FieldJob:
         if self.output:
             single_output = self._output(self.output)
             with (
-                working(f"writing {self.output.name}"),
+                show_spinner(f"writing {self.output.name}"),
                 nullcontext(folder / self.output.name)
                 if folder
                 else single_output.writing() as file,

@@ -39,7 +39,7 @@ class LineCosts:
     """
 
     def __init__(self, costs: Costmap, side_tolerance: float = 0.0) -> None:
-        from locplan._support.kernels.search import bordered_half
+        from locplan._support.kernels.search import make_bordered_half
 
         self.resolution = costs.grid.resolution
         self.side_tolerance = side_tolerance * self.resolution
@@ -47,8 +47,8 @@ class LineCosts:
         price = costs.unblocked_density
         priced = np.isfinite(price)
         self.density = np.where(priced, price, price[priced].max(initial=1.0))
-        self.price = bordered_half(self.density, 1)
-        self.blocked = bordered_half(np.where(np.isfinite(costs.density), 0.0, 1.0), 1)
+        self.price = make_bordered_half(self.density, 1)
+        self.blocked = make_bordered_half(np.where(np.isfinite(costs.density), 0.0, 1.0), 1)
 
     def costs(self, xy: Positions, pairs: Pairs) -> Floats:
         """J of the lines between pairs of positions [m]; infinite through what is blocked."""
@@ -74,12 +74,12 @@ class LineCosts:
 
     def integrals(self, layer: Floats, xy: Positions, pairs: Pairs) -> Floats:
         """Integral of a layer along the lines between pairs of positions; NaN without a layer."""
-        from locplan._support.kernels.search import bordered_half
+        from locplan._support.kernels.search import make_bordered_half
         from locplan.export.kernels.route import line_costs
 
         if np.isnan(layer).all():
             return np.full(len(pairs), np.nan)
-        half = bordered_half(np.nan_to_num(layer), 1)
+        half = make_bordered_half(np.nan_to_num(layer), 1)
         return np.asarray(line_costs(half, *self.frame, xy, pairs)) * self.resolution
 
     def compute_chain_costs(self, xy: Positions) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 
 from locplan import __version__
 from locplan._support.files import check_target
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 from locplan._support.tables import write_csv
 from locplan.export.registry import FRAME
 from locplan.field.field import CovarianceField
@@ -67,7 +67,7 @@ def write_path_file(
         fields = route.to_nav_msgs(frame=frame)
         lines = [f"header: {json.dumps(fields['header'])}", "poses:"]
         text = "\n".join([*lines, *(f"- {json.dumps(pose)}" for pose in fields["poses"])])
-    with replacing(file) as temporary:
+    with replace_file(file) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 

@@ -78,13 +78,13 @@ def make_space(costs: Costmap) -> GraphSpace:
     ConfigError
         If the map is too far from the world's origin for Nav2's single precision.
     """
-    from locplan._support.kernels.search import bordered_half
+    from locplan._support.kernels.search import make_bordered_half
 
     grid = costs.grid
     check_precision(grid)
     x, y, yaw = grid.origin
     frame = math.cos(yaw) / grid.resolution, math.sin(yaw) / grid.resolution, x, y
-    return bordered_half(costs.density, 1), grid.shape[1] + 2, frame
+    return make_bordered_half(costs.density, 1), grid.shape[1] + 2, frame
 
 
 def check_precision(grid: OccupancyGrid) -> None:

@@ -10,7 +10,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_threads, usable_memory
+from locplan._support.checks import check_threads, get_usable_memory
 from locplan._support.kernels.arrays import Bools
 from locplan._support.progress import ProgressCallback
 from locplan.errors import FieldError, LocplanError
@@ -96,7 +96,7 @@ def compute_chunks(
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
     tile_memory = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
-    workers = max(1, int(min(threads, usable_memory() / 2 // max(1.0, tile_memory))))
+    workers = max(1, int(min(threads, get_usable_memory() / 2 // max(1.0, tile_memory))))
     pool = executor or ThreadPoolExecutor(workers)
     try:
         while True:

@@ -26,7 +26,7 @@ from locplan._support.checks import (
 )
 from locplan._support.files import check_target
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.estimator import Estimator, build_settings, dict_from_settings
@@ -244,7 +244,7 @@ def save_config(config: FieldConfig, path: str | os.PathLike[str]) -> None:
     target = check_file_path("a file of settings", path)
     check_target(target, ".json")
     content = {"locplan": __version__, "config": config.to_json()}
-    with replacing(target) as temporary:
+    with replace_file(target) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 

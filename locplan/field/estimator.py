@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
-from locplan._support.checks import Settings, check_positive, setting, short_repr, suggestion
+from locplan._support.checks import Settings, check_positive, setting, short_repr, suggestion_text
 from locplan._support.kernels.arrays import Floats, Ints, Octets
 from locplan.errors import ConfigError, FieldError
 from locplan.field.search_window import OffsetLattice
@@ -325,7 +325,7 @@ def build_settings(kind: type[T], settings: Mapping[str, object]) -> T:
     for name in arguments:
         if name not in parameters:
             owner = getattr(kind, "name", kind.__name__)
-            names = f"{', '.join(parameters)}{suggestion(name, parameters)}"
+            names = f"{', '.join(parameters)}{suggestion_text(name, parameters)}"
             raise ConfigError(f"{owner} has no setting {short_repr(name)}; it has: {names}")
     keywords = {name: _build_nested(name, hints[name], value) for name, value in arguments.items()}
     try:

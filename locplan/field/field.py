@@ -16,7 +16,7 @@ from locplan._support.checks import check_file_path
 from locplan._support.files import check_target
 from locplan._support.kernels.arrays import Array, Bools, Floats
 from locplan._support.progress import ProgressCallback
-from locplan._support.public import Pictured
+from locplan._support.public import DrawableResult
 from locplan._support.saved import EqualByValue
 from locplan.errors import FieldError
 from locplan.field import files, lattice, tiles
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CovarianceField(Pictured, EqualByValue):
+class CovarianceField(DrawableResult, EqualByValue):
     """Covariances of a pose match over a map.
 
     Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.

@@ -14,7 +14,7 @@ from matplotlib.image import AxesImage
 from locplan._support import drawing as styles
 from locplan._support.drawing import (
     Picture,
-    field_bar,
+    draw_field_bar,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan.field.covariance import DEGENERATE
@@ -101,7 +101,7 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     """
     figure, axes = make_map_axes(field.grid)
     image = draw_field(axes, field, name)
-    field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
+    draw_field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
     title = f"{field.grid.name or 'map'}: u is about 0 on {field.saturated_share:.0%}"
     weak = format_weak_share(field, image.get_array(), name)
     axes.set_title(f"{title}; {weak}\n{field.config.title}", fontsize="medium")
@@ -144,7 +144,7 @@ def fields_figure(
     ends = np.array([image.get_clim() for image in images])  # of one scale for all
     for image in images:
         image.set_clim(ends[:, 0].min(), ends[:, 1].max())
-    field_bar(figure, images[0], grid.ravel().tolist(), label_of_bar, shrink=0.6)
+    draw_field_bar(figure, images[0], grid.ravel().tolist(), label_of_bar, shrink=0.6)
     figure.supxlabel("x and y [m]", fontsize="medium")
     return figure
 

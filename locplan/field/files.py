@@ -18,7 +18,7 @@ import numpy as np
 from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.checks import short_repr
 from locplan._support.kernels.arrays import Array, Bools
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 from locplan._support.reading import MAX_JSON_BYTES, check_stamp, parse_json, stamp
 from locplan._support.saved import TREE_NAME
 from locplan.errors import FieldError, LocplanError
@@ -95,7 +95,7 @@ def write_field(
         **values,
         **(extra_arrays or {}),
     }
-    with replacing(file) as temporary:
+    with replace_file(file) as temporary:
         write_arrays(temporary, arrays)
 
 
@@ -114,7 +114,7 @@ def write_points(
     arrays = {TREE_NAME: np.array(json.dumps(metadata)), POINTS: points, **rows}
     if cells is not None:
         arrays[CELLS] = cells
-    with replacing(file) as temporary:
+    with replace_file(file) as temporary:
         write_arrays(temporary, arrays, plain=rows)
 
 

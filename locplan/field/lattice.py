@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import usable_cores
+from locplan._support.checks import count_usable_cores
 from locplan._support.kernels.arrays import Array, Bools, Floats
 from locplan.field.covariance import average_information
 
@@ -143,7 +143,7 @@ def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
         np.copyto(result[band], band_values[: band.stop - band.start])
         np.copyto(result[band], np.nan, where=~free[band])
 
-    with ThreadPoolExecutor(usable_cores()) as pool:
+    with ThreadPoolExecutor(count_usable_cores()) as pool:
         list(pool.map(read, range(0, -(-rows // stride), block)))
     return result
 

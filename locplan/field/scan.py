@@ -206,7 +206,7 @@ def make_likelihood_field(
     shape = step, step, height, width
     planes = np.full(math.prod(shape) + kernel.GROUP * width + SHORTS, kernel.TOP, np.uint16)
     laid_out = planes[: math.prod(shape)].reshape(shape)
-    kernel.lay_out(find_wall_cells(levels == OCCUPIED), costs, reach, margin, laid_out)
+    kernel.write_cost_planes(find_wall_cells(levels == OCCUPIED), costs, reach, margin, laid_out)
     return kernel.LikelihoodField(
         planes,
         first=-margin,

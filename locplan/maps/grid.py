@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._support import checks
 from locplan._support.kernels.arrays import Bools, Floats, Ints
-from locplan._support.public import Pictured
+from locplan._support.public import DrawableResult
 from locplan.errors import MapError
 from locplan.maps.occupancy import (
     FREE,
@@ -32,7 +32,7 @@ _SHORT = 12  # greatest distance that `cells_near_walls` finds without the clear
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OccupancyGrid(Pictured):
+class OccupancyGrid(DrawableResult):
     """A three-level occupancy grid with its place in the world.
 
     Row 0 lies at the lowest y and column 0 at the lowest x (before yaw), as in

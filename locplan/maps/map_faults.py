@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from locplan._support.kernels.arrays import Bools, Floats, Octets, Singles
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.records import Column, Result, Table
 from locplan.errors import ConfigError
 from locplan.maps.files import DARK, ROWS, MapSource, with_corrected_thresholds
@@ -551,7 +551,9 @@ def _count_specks(grid: OccupancyGrid, limit: float) -> int:
 class MapFaults(Result):
     """The faults of a map; made by `find_faults`."""
 
-    files: ClassVar[Results] = Results("faults", ("faults.json", "faults.png", "faults.csv"))
+    files: ClassVar[ResultFiles] = ResultFiles(
+        "faults", ("faults.json", "faults.png", "faults.csv")
+    )
 
     grid: OccupancyGrid
     """The map."""

@@ -25,7 +25,7 @@ from locplan._support.checks import (
 )
 from locplan._support.files import check_target
 from locplan._support.kernels.arrays import Bools, Floats, Ints
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 from locplan._support.reading import MAX_BYTES, parse_json, read_text
 from locplan._support.saved import EqualByValue
 from locplan._support.tables import make_feature
@@ -320,7 +320,7 @@ class Zones:
         """
         target = check_file_path("a file of zones", path)
         check_target(target, ".geojson", ".json")
-        with replacing(target) as temporary:
+        with replace_file(target) as temporary:
             temporary.write_bytes(self.text.encode())
 
     @cached_property

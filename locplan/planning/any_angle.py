@@ -206,11 +206,11 @@ def _cells_of_32_moves(
     costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool
 ) -> Ints | None:
     """Return the cheapest cells over 32 moves; None without a path or if costs differ too much."""
-    from locplan._support.kernels.search import bordered_half
+    from locplan._support.kernels.search import make_bordered_half
     from locplan.planning.kernels.any_angle import cheapest_moves
 
     columns = costs.grid.shape[1] + 2 * REACH
-    half, ends = bordered_half(costs.density, REACH), bordered_ends(costs, start, goal, REACH)
+    half, ends = make_bordered_half(costs.density, REACH), bordered_ends(costs, start, goal, REACH)
     flat = cheapest_moves(half, *ends, _moves(columns, allow_corner_cutting))
     return cells_from_flat(flat, columns, REACH) if flat.size else None
 

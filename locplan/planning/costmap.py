@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from locplan import __version__
 from locplan._support.checks import check_choice, check_instance
 from locplan._support.kernels.arrays import Bools
-from locplan._support.saved import Persistent
+from locplan._support.saved import StoredObject
 from locplan._support.tables import nan_to_none
 from locplan.errors import ConfigError, FieldError
 from locplan.field.beams import LidarEstimator
@@ -127,7 +127,7 @@ ROBOT_RADIUS = 0.25
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Costmap(CostLayers, Persistent):
+class Costmap(CostLayers, StoredObject):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
     The density is 1 + weight * u. If there are preferred zones, cells outside of them have 1 more.

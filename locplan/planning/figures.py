@@ -25,8 +25,8 @@ from locplan._support.drawing import (
     RECOMMENDED,
     LineStyle,
     Picture,
-    field_bar,
-    label_plainly,
+    draw_field_bar,
+    label_with_plain_numbers,
     make_logarithmic,
     outline,
 )
@@ -291,7 +291,7 @@ def draw_along_bar(
         Height of the bar, as a share of the Axes'.
     """
     bar = figure.colorbar(lines, ax=axes, label=label, shrink=shrink)
-    label_plainly(bar.ax.yaxis)
+    label_with_plain_numbers(bar.ax.yaxis)
 
 
 def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
@@ -431,7 +431,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     read = costs.e if of_field and plain and is_whole_map else None  # they are the same
     image = draw_field(upper, field, part=part, read=read)
     draw_inset(upper, costs.grid, part, paths)
-    field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
+    draw_field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
     # The first plan comes out on top, with its dashes visible where paths coincide.
     for styled in reversed(styled_paths):
         style = styled.style

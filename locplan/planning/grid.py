@@ -40,7 +40,7 @@ def straight_line(
     in the way, or if both are centres: then a path over centres is this line.
     """
     from locplan._support.kernels.rays import segment_cost
-    from locplan._support.kernels.search import bordered_half
+    from locplan._support.kernels.search import make_bordered_half
 
     xy = np.array([start[:2], goal[:2]], np.float64)
     cells = np.array([costs.find_cell(start[:2]), costs.find_cell(goal[:2])])
@@ -52,7 +52,7 @@ def straight_line(
     # The cells around the line: of a large map only these are looked at.
     corner = np.maximum(cells.min(axis=0) - 1, 0)
     (row, col), (bottom, right) = corner.tolist(), (cells.max(axis=0) + 2).tolist()
-    half = bordered_half(costs.density[row:bottom, col:right], 1)
+    half = make_bordered_half(costs.density[row:bottom, col:right], 1)
     width = min(right, costs.grid.shape[1]) - col + 2
     ends = np.column_stack(costs.grid.world_to_grid(*xy.T)) - corner + 1
     cost = segment_cost(half, width, *ends[0], *ends[1], allow_corner_cutting)
@@ -117,9 +117,9 @@ class PaddedCostmap:
         costs : Costmap
             The costmap.
         """
-        from locplan._support.kernels.search import bordered_half, measure_costs
+        from locplan._support.kernels.search import make_bordered_half, measure_costs
 
-        half = bordered_half(costs.density, 1)
+        half = make_bordered_half(costs.density, 1)
         return cls(half, costs.grid.shape[1] + 2, measure_costs(half))
 
     def unflatten(self, flat: Ints) -> Ints:

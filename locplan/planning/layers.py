@@ -20,7 +20,7 @@ from locplan._support.checks import (
     short_repr,
 )
 from locplan._support.kernels.arrays import Array, Floats, Singles
-from locplan._support.public import Pictured
+from locplan._support.public import DrawableResult
 from locplan.errors import ConfigError, PoseError
 from locplan.field.config import FieldConfig
 from locplan.field.covariance import SCALARS
@@ -108,7 +108,7 @@ SHORTEST_WEIGHT = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CostLayers(Pictured):
+class CostLayers(DrawableResult):
     """The arrays of a costmap, with the settings they were made with."""
 
     grid: OccupancyGrid

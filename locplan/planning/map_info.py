@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from locplan._support.kernels.arrays import Array, Bools
-from locplan._support.public import Pictured
+from locplan._support.public import DrawableResult
 from locplan._support.records import POSITION, Column, Table
 from locplan._support.tables import format_area, format_table
 from locplan.maps import environments
@@ -116,7 +116,7 @@ class LevelArea:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MapInfo(Pictured):
+class MapInfo(DrawableResult):
     """Size, levels, rooms and places of a map; made by `describe_map`."""
 
     grid: OccupancyGrid

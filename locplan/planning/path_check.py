@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from locplan._support.kernels.arrays import Array, Bools, Floats
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.records import POSE, Column, Result, Table
 from locplan._support.saved import EqualByValue
 from locplan._support.tables import nan_to_none
@@ -59,7 +59,7 @@ class PathCheck(Result, EqualByValue):
     `save` writes path-check.json, a picture, and path-check.csv with the faults.
     """
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "path-check", ("path-check.json", "path-check.png", "path-check.csv")
     )
     columns: ClassVar[tuple[Column, ...]] = (

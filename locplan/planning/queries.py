@@ -24,7 +24,7 @@ from locplan._support.checks import (
 )
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan._support.reading import read_text
-from locplan._support.tables import from_csv_cell
+from locplan._support.tables import parse_csv_cell
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.costmap import Costmap
 from locplan.planning.grid import connected_parts
@@ -226,7 +226,7 @@ def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dic
                 f"{place}: has {len(line)} values, but the header {len(header)} columns"
             )
         values = dict(zip(header, line, strict=True))
-        name = values["name"] = from_csv_cell(values["name"])
+        name = values["name"] = parse_csv_cell(values["name"])
         if not name:
             raise LocplanError(f"{place}: name is empty; give each row one")
         if name in rows:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from locplan._support.checks import short_repr, suggestion
+from locplan._support.checks import short_repr, suggestion_text
 from locplan.errors import ConfigError
 from locplan.planning.any_angle import AnyAngle
 from locplan.planning.grid import AStar, Dijkstra, GridPlanner
@@ -122,7 +122,10 @@ def normalize_planner_name(name: str, valid_names: Iterable[str]) -> str:
     spellings = {_plain_name(planner_name): planner_name for planner_name in valid_names}
     plain = _plain_name(name)
     if plain not in spellings:
-        names_known, guess = ", ".join(spellings.values()), suggestion(name, spellings.values())
+        names_known, guess = (
+            ", ".join(spellings.values()),
+            suggestion_text(name, spellings.values()),
+        )
         raise ConfigError(f"planner must be one of {names_known}, not {short_repr(name)}{guess}")
     return spellings[plain]
 
@@ -149,7 +152,7 @@ def check_names(whose: str, options: Iterable[str], valid_names: Iterable[str]) 
     for name in options:
         if name not in valid_names:
             names_known = ", ".join(valid_names) or "none"
-            guess = suggestion(name, valid_names)
+            guess = suggestion_text(name, valid_names)
             raise ConfigError(
                 f"{whose} has no option {short_repr(name)}; it has: {names_known}{guess}"
             )

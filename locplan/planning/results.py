@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.records import Column, Result, Table
-from locplan._support.saved import Stored
+from locplan._support.saved import StoredResult
 from locplan._support.tables import format_rounded_up, format_table, nan_to_none, write_csv
 from locplan.errors import ConfigError
 from locplan.planning.costmap import Costmap, summarize_costs
@@ -32,7 +32,7 @@ NO_DEGENERATE = 0.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Result, Stored):
+class Plan(Result, StoredResult):
     """A path that a planner returned with its metrics, or the reason why there is none.
 
     `save` writes plan.json, which `load` reads, a picture, and path.csv. The costmap is not saved.
@@ -40,7 +40,7 @@ class Plan(Result, Stored):
 
     kind: ClassVar[str] = "plan"
     suffix: ClassVar[str] = ".json"
-    files: ClassVar[Results] = Results("plan", ("plan.json", "plan.png", "path.csv"))
+    files: ClassVar[ResultFiles] = ResultFiles("plan", ("plan.json", "plan.png", "path.csv"))
 
     status: Status
     """The status is "solved", or says that no path leads to the goal ("unreachable"), that none
@@ -104,7 +104,7 @@ class Plan(Result, Stored):
         return f"{self.status}{note}\n{self.table()}" if self.metrics else f"{self.status}{note}"
 
     @property
-    def drawable(self) -> bool:
+    def is_drawable(self) -> bool:
         """True if the costmap is known: the path is drawn on it."""
         return self.costs is not None
 
@@ -170,7 +170,7 @@ POINT = Column("length", "m", "length"), Column("integral", title="integral")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ParetoFront(Result, Stored):
+class ParetoFront(Result, StoredResult):
     """Grid paths by rising length and falling integral, so that none is better in both.
 
     `save` writes front.npz, which `load` reads, and front.json, front.csv, a picture and the path
@@ -178,7 +178,7 @@ class ParetoFront(Result, Stored):
     """
 
     kind: ClassVar[str] = "front"
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "front",
         ("front.json", "front.npz", "front.csv", "front.png", "knee.csv"),
         purposes={
@@ -223,7 +223,7 @@ class ParetoFront(Result, Stored):
         )
 
     @property
-    def drawable(self) -> bool:
+    def is_drawable(self) -> bool:
         """True if there is a path."""
         return len(self) > 0
 

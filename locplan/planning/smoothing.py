@@ -82,7 +82,7 @@ class Smoother:
         turn_cost: float,
     ) -> None:
         from locplan._support.kernels.outlines import CollisionMap, sum_rows
-        from locplan._support.kernels.search import bordered_half
+        from locplan._support.kernels.search import make_bordered_half
         from locplan.planning.kernels.curves import DUBINS, REEDS_SHEPP
         from locplan.planning.kernels.motions import MotionGround
         from locplan.planning.kernels.smoothing import MotionModel
@@ -90,7 +90,7 @@ class Smoother:
         grid, self._costs = costs.grid, costs
         kinematics = robot.kinematics if robot else Kinematics()
         self._outline = robot.outline if robot else None
-        half = np.array([bordered_half(layer, 1) for layer in costs.density_of_heading])
+        half = np.array([make_bordered_half(layer, 1) for layer in costs.density_of_heading])
         self._ground = MotionGround(half, grid.shape[1] + 2, -grid.origin[2], False)
         on_spot = kinematics.turning_radius == 0
         self._drive: MotionModel = MotionModel(

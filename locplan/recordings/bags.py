@@ -420,7 +420,7 @@ class BagPoses:
         if len(topics) != 1 and odometry_from not in topics:
             return None
         topic = topics.get(odometry_from) or next(iter(topics.values()))
-        speeds = topic.speeds.at_times()[self.at_scans, 0]
+        speeds = topic.speeds.interpolate()[self.at_scans, 0]
         return speeds if np.nan_to_num(speeds).any() else None
 
     def drop_unrelated_frames(self) -> None:
@@ -536,7 +536,7 @@ class BagPoses:
             self.notes.append(
                 f"the poses of {topic} are in {pose_topic.frame!r}, which is taken for the map's"
             )
-        poses = project_to_plane(pose_topic.track.at_times())
+        poses = project_to_plane(pose_topic.track.interpolate())
         poses = poses[self.at_scans] if pose_topic.kind == MessageType.ODOMETRY else poses
         if reported is not None and pose_topic.kind == MessageType.POSE_WITH_COVARIANCE:
             carried = _carry_poses(self.times, pose_topic.track, tree.times, reported)
@@ -595,7 +595,7 @@ class BagPoses:
                     return project_to_plane(pose), f"TF {frame} -> {base}"
         topics = topics if requested_topic is None else [requested_topic]
         if len(topics) == 1:
-            return project_to_plane(self.topics[topics[0]].track.at_times()), topics[0]
+            return project_to_plane(self.topics[topics[0]].track.interpolate()), topics[0]
         if topics:
             self.notes.append(
                 f"odometry is on {' and '.join(topics)}, and none was taken; choose by odom_topic="

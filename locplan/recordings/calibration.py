@@ -577,12 +577,12 @@ class SeenWalls:
 
     def ranges(self, pose: Floats, beams: Any) -> Floats:
         """Ranges by the map at a pose in the world, (beams,) [m]; inf where no wall is met."""
-        from locplan._support.kernels.lidar import lever, scan_ends
+        from locplan._support.kernels.lidar import lever, write_scan_ends
 
         row, col = self.grid.world_to_grid(pose[0], pose[1])
         heading, resolution = pose[2] - self.grid.origin[2], self.grid.resolution
         ends = np.empty((beams.angles.size, 2))
-        scan_ends(self.squares, resolution, float(row), float(col), heading, beams, ends)
+        write_scan_ends(self.squares, resolution, float(row), float(col), heading, beams, ends)
         ends -= lever(beams, heading, resolution)
         ranges = np.hypot(ends[:, 0], ends[:, 1]) * resolution
         return np.where(np.isnan(ranges), np.inf, ranges)

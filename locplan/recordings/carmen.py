@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from locplan._support.checks import MAX_AMOUNT, MAX_RANGE
 from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import apply_motions, compute_motions, wrap_angles
-from locplan._support.reading import numbered_lines
+from locplan._support.reading import read_numbered_lines
 from locplan.errors import RecordingError
 from locplan.recordings.logs import ReadOptions, ScanRows, Source
 from locplan.recordings.recording import Recording
@@ -162,7 +162,7 @@ def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
         raise RecordingError(
             f"has no scans on {requested_kind}; scan_topic= can be {' or '.join(KINDS)}"
         )
-    for number, line in numbered_lines(path, "replace"):
+    for number, line in read_numbered_lines(path, "replace"):
         if bad:
             raise RecordingError(f"line {bad} is cut off or damaged; take it out")
         name = line[:24].split(maxsplit=1)[0] if line[:24].strip() else "#"

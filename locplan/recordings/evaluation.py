@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 
 from locplan._support.checks import check_instance, check_threads
 from locplan._support.intervals import (
+    BootstrapResamples,
     Interval,
     Rank,
-    Resamples,
     assign_blocks,
     draw_blocks,
+    estimate_block_mean,
     format_decimal,
     format_ratio,
-    mean_interval,
     rank,
 )
 from locplan._support.kernels.arrays import Floats
-from locplan._support.poses import ends_in_map
+from locplan._support.poses import place_ends
 from locplan._support.progress import ProgressCallback
-from locplan._support.public import Pictured
+from locplan._support.public import DrawableResult
 from locplan._support.records import POSE, Column, Table
 from locplan._support.tables import REPORT_WIDTH, format_table
 from locplan.errors import RecordingError
@@ -124,7 +124,7 @@ class Matches:
             at = look_up_cells(
                 self.grid,
                 distance,
-                ends_in_map(ends, self.recording.poses[block] + self.best[block]),
+                place_ends(ends, self.recording.poses[block] + self.best[block]),
                 math.inf,
             )
             is_stray = at > min_distance + np.hypot(*ends.T).T / 50  # False without a return
@@ -287,9 +287,9 @@ def compute_agreement(
     direction_error = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
     elongated = (major > 3 * minor).astype(float)  # a rounder ellipse has no direction
     return Agreement(
-        rank([values], [major], Resamples([resamples], np.ones((len(resamples), 1)))),
-        mean_interval((direction_error < math.radians(15)).astype(float), blocks, elongated),
-        Interval(*np.exp(mean_interval(np.log(predicted_major / major), blocks)).tolist()),
+        rank([values], [major], BootstrapResamples([resamples], np.ones((len(resamples), 1)))),
+        estimate_block_mean((direction_error < math.radians(15)).astype(float), blocks, elongated),
+        Interval(*np.exp(estimate_block_mean(np.log(predicted_major / major), blocks)).tolist()),
     )
 
 
@@ -307,7 +307,7 @@ LEGEND = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DriveEvaluation(Pictured):
+class DriveEvaluation(DrawableResult):
     """Measured and predicted deviations along a recorded drive."""
 
     matches: Matches

@@ -13,7 +13,7 @@ from locplan._support.kernels.arrays import Array, Bools, Floats, Ints, Octets
 from locplan._support.poses import (
     compute_motions,
     compute_travel_distances,
-    ends_in_map,
+    place_ends,
     wrap_angles,
 )
 from locplan.errors import RecordingError
@@ -258,7 +258,7 @@ def find_longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStre
 
 def _mean_distances(recording: Recording, poses: Floats, grid: OccupancyGrid) -> Floats:
     """Mean distance of each scan's ends from the walls, (n,) [m]; 0 with too few returns."""
-    ends = ends_in_map(recording.ends_on_robot(), poses)
+    ends = place_ends(recording.ends_on_robot(), poses)
     wall_distances = look_up_cells(grid, grid.clearance, ends, math.inf)
     returns = np.isfinite(ends[..., 0])
     count = returns.sum(axis=1)

@@ -16,9 +16,9 @@ from matplotlib.patches import Ellipse
 from numpy.typing import ArrayLike
 
 from locplan._support import drawing as style
-from locplan._support.drawing import FIELD_COLOURS, Picture, draw_number, label_plainly
+from locplan._support.drawing import FIELD_COLOURS, Picture, draw_number, label_with_plain_numbers
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.poses import compute_travel_distances, ends_in_map
+from locplan._support.poses import compute_travel_distances, place_ends
 from locplan.field.covariance import position_axes
 from locplan.maps.figures import compute_figure_size, crop_map, draw_map, zoom_map
 from locplan.maps.grid import OccupancyGrid
@@ -194,7 +194,7 @@ def _draw_profile(axes: Axes, drive_evaluation: DriveEvaluation, values: dict[st
         low = 100 * min(float(np.nanmin(deviations)) for deviations in values.values())
         axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
     axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="std. dev. [cm]")
-    label_plainly(axes.yaxis)
+    label_with_plain_numbers(axes.yaxis)
 
 
 def replay_figure(replay: Replay) -> Figure:
@@ -275,7 +275,7 @@ def trajectory_figure(drive_trajectory: Trajectory) -> Figure:
     lower.plot(way[doubtful], deviation[doubtful], "x", color=FILTER, markersize=4)
     lower.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="position [cm]")
     lower.set_ylim(bottom=deviation.min() / 5)  # by chance some poses are the log's own
-    label_plainly(lower.yaxis)
+    label_with_plain_numbers(lower.yaxis)
     crosses: dict[str, Any] = {"color": FILTER, "linestyle": ""}
     handles = [
         Line2D([], [], color="0.5", linewidth=4, label="trajectory"),
@@ -312,7 +312,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     grid, best = location.grid, location.best
     width, height = compute_figure_size(grid)
     on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
-    ends = ends_in_map(on_robot, np.array([best.pose]))[0]
+    ends = place_ends(on_robot, np.array([best.pose]))[0]
     end_distances = np.hypot(*(ends - np.array(best.pose[:2])).T)
     # Minimum distance from the robot to the edges of that map [m].
     reach = max(4.0, 1.1 * float(np.nanquantile(end_distances, 0.95)))

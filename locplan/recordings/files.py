@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.checks import check_file_path, short_repr
 from locplan._support.files import protect_input
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 from locplan._support.progress import ProgressCallback
 from locplan._support.reading import NO_FILE, parse_json
 from locplan._support.saved import decode_tree
@@ -155,7 +155,7 @@ def save_recording(recording: Recording, target: str | os.PathLike[str]) -> None
     path = check_file_path("a file to write", target)
     if path.suffix != ".npz":
         raise RecordingError(f"{path}: must end in .npz")
-    with replacing(path) as temporary:
+    with replace_file(path) as temporary:
         _write_npz(recording, temporary)
 
 

@@ -16,7 +16,7 @@ from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.files import make_folder
 from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Floats, Singles
-from locplan._support.output import replacing
+from locplan._support.output import replace_file
 from locplan._support.progress import ProgressCallback
 from locplan.field.beams import find_wall_cells
 from locplan.maps.grid import OccupancyGrid
@@ -205,7 +205,7 @@ class FilterPass:
     def _write_block(self, folder: Path, n_done: int, clouds: Singles, best_fits: Floats) -> None:
         """Save the last block of scans."""
         make_folder(folder)
-        with replacing(self._block_file(folder, n_done)) as file:
+        with replace_file(self._block_file(folder, n_done)) as file:
             scans = slice(n_done - BLOCK, n_done)
             block: dict[str, NDArray[Any]] = {"clouds": clouds[scans], "best": best_fits[scans]}
             write_arrays(file, block, plain=block)

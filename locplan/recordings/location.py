@@ -21,10 +21,10 @@ from locplan._support.checks import (
     short_repr,
 )
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Singles
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.poses import wrap_angles
 from locplan._support.progress import ProgressCallback
-from locplan._support.public import Pictured
+from locplan._support.public import DrawableResult
 from locplan._support.records import Column, Result, Table
 from locplan._support.tables import REPORT_WIDTH, nan_to_none
 from locplan.errors import ConfigError, RecordingError
@@ -147,7 +147,7 @@ MODES = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Location(Pictured):
+class Location(DrawableResult):
     """Where a robot may be that has taken one scan, from `locate`."""
 
     grid: OccupancyGrid
@@ -263,7 +263,7 @@ SCANS = (
 class LocatedDrive(Result):
     """The scans of a recorded drive, each located by itself, from `locate_drive`."""
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "located",
         ("located.json", "located.png", "modes.csv", "scans.csv"),
         purposes={

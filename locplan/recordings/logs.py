@@ -18,7 +18,7 @@ from locplan._support.checks import (
     parse_finite_numbers,
     set_frozen_fields,
     short_repr,
-    suggestion,
+    suggestion_text,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import wrap_angles
@@ -113,7 +113,7 @@ class ReadOptions(Topics):
             if name not in lidar_fields:
                 raise RecordingError(
                     f"its lidar has no {short_repr(name)}; known are {', '.join(lidar_fields)}"
-                    f"{suggestion(name, lidar_fields)}"
+                    f"{suggestion_text(name, lidar_fields)}"
                 )
         try:
             lidar = Lidar(**values)

@@ -17,8 +17,8 @@ from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.poses import (
     apply_motions,
     compute_motions,
-    ends_in_map,
     move_poses,
+    place_ends,
     wrap_angles,
 )
 from locplan._support.progress import ProgressCallback, split_progress
@@ -283,7 +283,7 @@ class _Sample(NamedTuple):
 
     def ends(self) -> Floats:
         """Ends of the returns in the map's frame, (k, 2) [m]."""
-        ends = ends_in_map(self.on_robot, self.poses).reshape(-1, 2)
+        ends = place_ends(self.on_robot, self.poses).reshape(-1, 2)
         return ends[np.isfinite(ends[:, 0])]
 
 
@@ -760,8 +760,8 @@ def _beams(grid: OccupancyGrid, recording: Recording) -> _Beams:
     recording = recording[scans]
     lidar = np.array([[[recording.lidar.mount_x, recording.lidar.mount_y]]])
     lidars = np.repeat(lidar, len(scans), axis=0)
-    ends = ends_in_map(recording.ends_on_robot()[:, beams], recording.poses)
-    origins = ends_in_map(lidars, recording.poses)[:, 0]
+    ends = place_ends(recording.ends_on_robot()[:, beams], recording.poses)
+    origins = place_ends(lidars, recording.poses)[:, 0]
     cell_positions = [
         np.stack(grid.world_to_grid(positions[..., 0], positions[..., 1]), -1)
         for positions in (origins, ends)

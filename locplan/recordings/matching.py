@@ -22,7 +22,7 @@ from locplan._support.checks import (
     setting,
 )
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
-from locplan._support.poses import ends_in_map, make_rotation_matrix, wrap_angles
+from locplan._support.poses import make_rotation_matrix, place_ends, wrap_angles
 from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.field.beams import find_wall_cells
@@ -263,7 +263,7 @@ class Matcher:
         from locplan.recordings.kernels.matches import recorded_posteriors
 
         count, compared = len(poses), self.settings.beam_numbers
-        ends = ends_in_map(on_robot[:, compared], poses)
+        ends = place_ends(on_robot[:, compared], poses)
         row, col = self.grid.world_to_grid(*poses[:, :2].T)
         cells = np.column_stack([np.floor(row), np.floor(col)]).astype(np.int64)
         ends_row, ends_col = self.grid.world_to_grid(*np.moveaxis(ends, -1, 0))

@@ -21,8 +21,8 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import (
     compute_motions,
     compute_path_length,
-    ends_in_map,
     move_poses,
+    place_ends,
     wrap_angles,
 )
 from locplan._support.tables import format_table, nan_to_none
@@ -246,7 +246,7 @@ class Recording:
 
     def ends(self) -> Floats:
         """Ends of the beams in the map's frame, (n, beams, 2) [m]; NaN for those without return."""
-        return ends_in_map(self.ends_on_robot(), self.poses)
+        return place_ends(self.ends_on_robot(), self.poses)
 
     def robot(self, base_robot: Robot | None = None) -> Robot:
         """The robot that was recorded: its lidar, and how it moved.

@@ -15,13 +15,13 @@ from locplan._support.checks import check_instance, check_integer, check_memory,
 from locplan._support.intervals import (
     Interval,
     assign_blocks,
+    estimate_block_mean,
     format_metres,
     format_percent,
     make_generator,
-    mean_interval,
 )
 from locplan._support.kernels.arrays import Floats
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.poses import (
     compute_motions,
     compute_path_length,
@@ -244,7 +244,7 @@ class Consistency:
 class Replay(Result):
     """Runs of AMCL on one recorded drive, which differ by their random numbers alone."""
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "replay",
         ("replay.json", "replay.png", "errors.csv"),
         purposes={
@@ -316,7 +316,7 @@ class Replay(Result):
         squares = self.squares[:, at]
         inside = (squares <= -2 * math.log(0.05)).mean(axis=0)
         return Consistency(
-            mean_interval(inside, assign_blocks(self.recording.poses)[at]),
+            estimate_block_mean(inside, assign_blocks(self.recording.poses)[at]),
             math.sqrt(float(np.median(squares)) / (2 * math.log(2))),
             float(np.median(scalar(self.covariances[:, at], "position_rms"))),
             float(np.median(self.drives.position_error[:, at])),

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from numpy.typing import ArrayLike
 
 from locplan._support.checks import check_file_path, check_instance, check_integer, check_threads
-from locplan._support.output import Output, Results
+from locplan._support.output import Output, ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import Result, Table
 from locplan._support.saved import to_plain_data
@@ -49,7 +49,7 @@ SCAN_NUMBERS = "The log has no stamps: times in poses.tum are scan numbers."
 class RecordingReport(Result):
     """A recorded drive with its ground truth, its faults, and what it tells of robot and map."""
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "recording",
         ("recording.json", "drive.npz", "poses.csv", "poses.tum"),
         purposes={
@@ -85,7 +85,7 @@ class RecordingReport(Result):
         return f"RecordingReport({self.recording!r}, {self.faults!r})"
 
     @property
-    def drawable(self) -> bool:
+    def is_drawable(self) -> bool:
         """True if there is a map that the drive is drawn on."""
         return self.trajectory is not None
 

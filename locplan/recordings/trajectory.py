@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Floats
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.poses import apply_motions, compute_motions, wrap_angles
 from locplan._support.records import POSE, Column, Result, Table
-from locplan._support.saved import EqualByValue, Stored
+from locplan._support.saved import EqualByValue, StoredResult
 from locplan._support.tables import format_table, nan_to_none
 from locplan.errors import RecordingError
 from locplan.field.covariance import position_axes
@@ -318,11 +318,11 @@ def make_jump(scan: int, pose: Floats, error: Floats, times: Floats | None) -> J
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Result, Stored):
+class Trajectory(Result, StoredResult):
     """Where a robot was along a recorded drive, at all scans, and how sure that is."""
 
     kind: ClassVar[str] = "trajectory"
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "trajectory",
         ("trajectory.json", "trajectory.npz", "trajectory.png", "poses.csv", "poses.tum"),
         purposes={
@@ -362,7 +362,7 @@ class Trajectory(Result, Stored):
         return len(self.poses)
 
     @property
-    def drawable(self) -> bool:
+    def is_drawable(self) -> bool:
         """Whether the map is known, on which it is drawn."""
         return self.grid is not None
 

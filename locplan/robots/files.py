@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import check_file_path, short_repr, suggestion
+from locplan._support.checks import check_file_path, short_repr, suggestion_text
 from locplan._support.reading import check_stamp, read_content
 from locplan.errors import ConfigError
 from locplan.robots.amcl import Amcl, NamedFilter
@@ -196,5 +196,5 @@ def _build_part(name: str, value: Any) -> Any:
 def _check_setting_names(owner: str, settings: Mapping[str, Any], allowed_names: list[str]) -> None:
     for name in settings:
         if name not in allowed_names:
-            names = f"{', '.join(allowed_names)}{suggestion(name, allowed_names)}"
+            names = f"{', '.join(allowed_names)}{suggestion_text(name, allowed_names)}"
             raise ConfigError(f"{owner} has no {short_repr(name)}; it has {names}")

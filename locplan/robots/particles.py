@@ -64,7 +64,7 @@ class ParticleFilter:
         from locplan._support.kernels import drives
 
         state, random = self._tracker.state, self._random
-        due = drives.is_due(self._tracker, self._odometry, NOW, self._settings)
+        due = drives.is_update_due(self._tracker, self._odometry, NOW, self._settings)
         if due:
             drives.advance(random, self._tracker, self._odometry, NOW, self._settings)
         self._covariance[:] = np.nan

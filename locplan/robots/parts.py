@@ -297,10 +297,10 @@ class Footprint:
 
     def _find_hits(self, grid: OccupancyGrid, moves: Floats) -> Iterator[int]:
         """Indices of the colliding lines between poses (n, 3) of (col, row, heading)."""
-        from locplan._support.kernels.outlines import first_hit, sum_rows
+        from locplan._support.kernels.outlines import find_first_hit, sum_rows
 
         sums, corners, begin = sum_rows(grid.cells == OCCUPIED), self.vertices / grid.resolution, 0
-        while (hit := int(first_hit(sums, corners, moves[begin:]))) >= 0:
+        while (hit := int(find_first_hit(sums, corners, moves[begin:]))) >= 0:
             yield begin + hit
             begin += hit + 1
 

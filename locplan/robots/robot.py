@@ -19,11 +19,11 @@ from locplan._support.checks import (
     set_frozen_fields,
     setting,
     short_repr,
-    suggestion,
+    suggestion_text,
 )
 from locplan._support.files import check_target
-from locplan._support.output import replacing
-from locplan._support.public import field_docs
+from locplan._support.output import replace_file
+from locplan._support.public import read_field_docs
 from locplan._support.reading import dump_yaml, stamp
 from locplan._support.records import Column, Table
 from locplan.errors import ConfigError
@@ -169,7 +169,7 @@ class Robot(Settings):
         check_target(target, ".yaml")
         _ = self.amcl  # a file cannot hold the code of another filter
         content = {**stamp("robot", VERSION), "robot": self.summary()}
-        with replacing(target) as temporary:
+        with replace_file(target) as temporary:
             temporary.write_text(dump_yaml(content, default_flow_style=None), encoding="utf-8")
 
     def summary(self) -> dict[str, Any]:
@@ -273,7 +273,7 @@ class Robot(Settings):
                 )
             else:
                 setting_names = (*ROBOT_SETTINGS, *of_part)
-                names = f"{', '.join(setting_names)}{suggestion(name, setting_names)}"
+                names = f"{', '.join(setting_names)}{suggestion_text(name, setting_names)}"
                 raise ConfigError(f"a robot has no setting {short_repr(name)}; it has {names}")
         for part, part_changes in parts.items():
             before = self.amcl if part == "filter" else getattr(self, part) or PARTS[part]()
@@ -332,11 +332,11 @@ def list_settings(robot: Robot) -> Table:
     >>> [row[:4] for row in rows if row[1] == "update_min_d"]
     [('filter', 'update_min_d', 'm', '0.25')]
     """
-    docs = field_docs(Robot)
+    docs = read_field_docs(Robot)
     rows = [_format_setting("robot", name, robot, docs[name]) for name in ROBOT_SETTINGS]
     for part, kind in PARTS.items():
         settings = robot.amcl if part == "filter" else getattr(robot, part)
-        for name, text in field_docs(kind).items():
+        for name, text in read_field_docs(kind).items():
             rows.append(_format_setting(part, name, settings, text))
     names = "part", "setting", "unit", "value", "meaning"
     return Table(tuple(Column(name, title=name) for name in names), tuple(rows))

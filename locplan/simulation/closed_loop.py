@@ -112,7 +112,7 @@ class Replanner:
         It joins the path within some metres where that is cheapest, or else later. The path stays
         where no way is found.
         """
-        from locplan._support.kernels.search import bordered_half, shortest_costs
+        from locplan._support.kernels.search import make_bordered_half, shortest_costs
         from locplan._support.kernels.ways import trace_path
 
         scene = self._crop_scene(truth, believed, world)
@@ -124,7 +124,7 @@ class Replanner:
         density[tuple(walls.T)] = np.inf
         density[tuple(start)] = LEAVING
 
-        half, columns = bordered_half(density, 1), density.shape[1] + 2
+        half, columns = make_bordered_half(density, 1), density.shape[1] + 2
         costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
         along = compute_travel_distances(way)
         points = np.floor(way[:, ::-1] / resolution).astype(int) - low

@@ -20,7 +20,7 @@ from locplan._support.drawing import (
     LineStyle,
     Picture,
     break_title,
-    label_plainly,
+    label_with_plain_numbers,
     make_logarithmic,
 )
 from locplan._support.intervals import Interval, format_metres
@@ -361,7 +361,7 @@ def _draw_errors(axes: Axes, recommendation: Recommendation) -> None:
     axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     axes.set_yscale("log")
     axes.set_ylim(bottom=max(MIN_ERROR / 2, axes.get_ylim()[0]))
-    label_plainly(axes.yaxis, 4)
+    label_with_plain_numbers(axes.yaxis, 4)
     axes.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     axes.margins(x=0.01)
     axes.set_title("open-loop drives: median, and where 80 % of them are", fontsize="small")

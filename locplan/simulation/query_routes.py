@@ -19,9 +19,9 @@ from locplan._support.intervals import (
     format_ratio,
 )
 from locplan._support.kernels.arrays import Floats
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
-from locplan._support.public import Pictured
+from locplan._support.public import DrawableResult
 from locplan._support.records import Column, Result, Table, extract_values
 from locplan._support.tables import format_table, make_file_name, nan_to_none
 from locplan.errors import ConfigError
@@ -94,7 +94,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Routes(Pictured):
+class Routes(DrawableResult):
     """Drives along both paths of many queries on one map; intervals are over the queries."""
 
     grid: OccupancyGrid
@@ -193,8 +193,8 @@ class Routes(Pictured):
 class RoutesOnMaps(Result):
     """Drives along both paths of queries on several maps."""
 
-    drawable = False  # each map has a figure of its own
-    files: ClassVar[Results] = Results(
+    is_drawable = False  # each map has a figure of its own
+    files: ClassVar[ResultFiles] = ResultFiles(
         "queries",
         ("queries.json", "queries.csv"),
         purposes={

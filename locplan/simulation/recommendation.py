@@ -10,9 +10,9 @@ from pathlib import Path as File
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from locplan._support.intervals import Interval, choose_digits
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.records import Column, Result, Table
-from locplan._support.saved import Stored
+from locplan._support.saved import StoredResult
 from locplan._support.tables import format_aligned, make_file_name, wrap_lines, write_rows
 from locplan.errors import ConfigError
 from locplan.field.config import FieldConfig
@@ -471,7 +471,7 @@ def _format_error(error: Interval, is_angle: bool) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recommendation(Result, Stored):
+class Recommendation(Result, StoredResult):
     """The path to take between two places, and the candidates beside it."""
 
     kind: ClassVar[str] = "choice"
@@ -481,7 +481,7 @@ class Recommendation(Result, Stored):
         *("recommended_name", "verdict", "sentence", "reached_text", "advice", "answer"),
     )
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "choice",
         ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv"),
         purposes={

@@ -23,7 +23,7 @@ from locplan._support.checks import (
     short_repr,
 )
 from locplan._support.intervals import Interval, estimate_geometric_mean
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Column, Table
 from locplan._support.tables import make_file_name
@@ -113,7 +113,7 @@ class Recommendations:
     promised some 10 % too small.
     """
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "choices",
         ("choices.csv",),
         purposes={

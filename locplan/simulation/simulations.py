@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan._support.intervals import Interval
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import Column, Result, Table, extract_values
 from locplan._support.tables import format_table, nan_to_none
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 class Simulation(Result):
     """Drives along some paths on one map."""
 
-    files: ClassVar[Results] = Results(
+    files: ClassVar[ResultFiles] = ResultFiles(
         "simulation",
         ("simulation.json", "simulation.png", "errors.csv"),
         purposes={

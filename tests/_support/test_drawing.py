@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from locplan import Sad, covariance_field
-from locplan._support.drawing import FIELD_COLOURS, CellImage, Picture, field_bar
+from locplan._support.drawing import FIELD_COLOURS, CellImage, Picture, draw_field_bar
 from locplan.field import FieldConfig
 from locplan.field.figures import field_figure
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, figures as _cells
@@ -135,7 +135,7 @@ def test_the_bar_of_a_field_names_powers_of_ten_without_formulas(field):
     axes = figure.subplots()
     options = {"cmap": FIELD_COLOURS, "norm": LogNorm(2e-4, 0.9)}
     image = draw_cells(axes, field.grid, np.ones(field.grid.shape), **options)
-    bar = field_bar(figure, image, axes, "e")
+    bar = draw_field_bar(figure, image, axes, "e")
     figure.canvas.draw()
     shown = {text.get_text() for text in bar.ax.get_yticklabels()}
     assert {"10⁻³", "10⁻²", "10⁻¹"} <= shown

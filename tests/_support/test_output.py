@@ -13,8 +13,8 @@ from support.maps import ascii_map
 
 from locplan._support import output
 from locplan._support.drawing import Picture
-from locplan._support.output import Output, Results, temporary_folder
-from locplan._support.runs import RunRecord, running, take_written
+from locplan._support.output import Output, ResultFiles, temporary_folder
+from locplan._support.runs import RunRecord, pop_written_lines, running
 from locplan._support.tables import format_rounded_up
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
@@ -60,7 +60,7 @@ def test_output_refuses_other_files_without_force(tmp_path, earlier):
     (tmp_path / "a").write_text("mine")
     fault = "was changed after locplan wrote it" if earlier else "is no earlier result"
     with pytest.raises(LocplanError, match=f"a: {fault}.*--force"):
-        Results("plan", ("b",)).into(tmp_path)
+        ResultFiles("plan", ("b",)).into(tmp_path)
     with pytest.raises(LocplanError, match=f"a: {fault}"):
         write(tmp_path, {"b": "2"})
     assert content(tmp_path) == {"a": "mine"} | ({"z": "1"} if earlier else {})
@@ -75,8 +75,8 @@ def test_output_notes_purposes_of_written_files(tmp_path):
     purposes = {"chosen.csv": "the recommended path", "[0-9]*.csv": "a candidate path"}
     with running(RunRecord("plan", {})):
         write(tmp_path / "out", files, purposes=purposes)
-        lines = take_written()
-        assert take_written() == []
+        lines = pop_written_lines()
+        assert pop_written_lines() == []
     assert lines[0] == f"wrote {tmp_path / 'out' / 'chosen.csv'}: the recommended path"
     assert len(lines) == 6
     assert lines[-1] == f"wrote {tmp_path / 'out'}: 2 more files"
@@ -299,7 +299,7 @@ def test_file_that_changed_after_a_kill_stays(tmp_path):
     (tmp_path / "out" / "b").write_text("mine")
     (tmp_path / "out" / "d").write_text("mine")
     with pytest.raises(LocplanError, match="b: was changed"):
-        Results("plan", ()).into(tmp_path / "out")
+        ResultFiles("plan", ()).into(tmp_path / "out")
     assert content(tmp_path / "out") == {"a": "2", "b": "mine", "d": "mine"}
 
 

@@ -2,7 +2,7 @@ import threading
 
 import pytest
 
-from locplan._support.progress import working
+from locplan._support.progress import show_spinner
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def test_a_terminal_shows_what_is_done(at_once, monkeypatch, capsys, terminal):
     else:
         monkeypatch.delenv("FORCE_COLOR", raising=False)
         monkeypatch.setattr(threading, "Timer", None)  # none is made
-    with working("drawing"):
+    with show_spinner("drawing"):
         pass
     out, err = capsys.readouterr()
     assert out == ""
@@ -43,13 +43,13 @@ def test_a_terminal_shows_what_is_done(at_once, monkeypatch, capsys, terminal):
 def test_nothing_is_shown_of_what_is_done_soon(at_once, monkeypatch, capsys):
     at_once[0] = False
     monkeypatch.setenv("FORCE_COLOR", "1")
-    with working("drawing"):
+    with show_spinner("drawing"):
         pass
     assert capsys.readouterr().err == ""
 
 
 def test_it_ends_with_an_error(at_once, monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
-    with pytest.raises(ValueError, match="no"), working("drawing"):
+    with pytest.raises(ValueError, match="no"), show_spinner("drawing"):
         raise ValueError("no")
     assert capsys.readouterr().err.endswith("\x1b[2K")

@@ -12,7 +12,7 @@ import pytest
 import locplan
 from locplan._support import public
 from locplan._support.intervals import Interval
-from locplan._support.output import Results
+from locplan._support.output import ResultFiles
 from locplan._support.records import Column, Result, Table
 from locplan.errors import LocplanError
 
@@ -162,7 +162,7 @@ class Drawn:
 
 
 class Found(Result):
-    files = Results("places", ("places.json", "places.png", "places.csv"))
+    files = ResultFiles("places", ("places.json", "places.png", "places.csv"))
 
     def table(self):
         return TABLE

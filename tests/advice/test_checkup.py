@@ -14,8 +14,8 @@ from support.small_drive import FILE
 
 import locplan
 from locplan import check, save_map
-from locplan.advice.limits import Limit
-from locplan.advice.next_step import next_action
+from locplan.advice.limits import CheckLimit
+from locplan.advice.next_step import choose_next_action
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.robots.presets import UPDATES
 from locplan.simulation.drives import LOST
@@ -34,7 +34,7 @@ class Watched:
         self.report = check(
             *(furnished_room(), ROBOT.with_settings(UPDATES), CORNERS),
             effort="quick",
-            found=self.findings.append,
+            on_finding=self.findings.append,
             progress=lambda *step: self.steps.append((len(self.findings), *step)),
         )
 
@@ -57,10 +57,10 @@ def solid():
 def test_check_has_nothing_to_do_for_tuned_robot(fine):
     assert fine.is_fine
     assert fine.recommended == ()
-    assert fine.fixed_site is fine.site or fine.fixed_site.paths == fine.site.paths
+    assert fine.fixed_scenario is fine.scenario or fine.fixed_scenario.paths == fine.scenario.paths
     high = 100 * fine.baseline.lost.high
     text = " ".join(fine.report().split())
-    assert f"Nothing to do. A quick check may miss a loss of up to {high:.0f} %." in text
+    assert f"Nothing to do. A quick check cannot exclude a loss rate of up to {high:.0f} %." in text
 
 
 @pytest.mark.parametrize("columns", [58, 64, 71, 80])
@@ -81,9 +81,9 @@ def test_repaired_map_helps_against_solid_walls(solid):
     assert "map" in solid.recommended
     assert solid.after.lost.high < solid.before.lost.low
     assert np.array_equal(
-        solid.fixed_site.filter_map.cells, locplan.maps.hollow_walls(blocks()).cells
+        solid.fixed_scenario.filter_map.cells, locplan.maps.hollow_walls(blocks()).cells
     )
-    assert solid.fixed_site.world is solid.site.world
+    assert solid.fixed_scenario.world is solid.scenario.world
 
 
 def test_places_where_the_map_misleads_name_its_fault(solid):
@@ -94,7 +94,7 @@ def test_places_where_the_map_misleads_name_its_fault(solid):
 
 @pytest.mark.long
 def test_a_mended_map_for_the_filter_is_checked_and_not_advised_again(solid, tmp_path):
-    own = solid.fixed_site.filter_map
+    own = solid.fixed_scenario.filter_map
     found = check(blocks(), UNTUNED, AISLES, effort="quick", filter_map=own)
     assert found.baseline.lost.high < solid.baseline.lost.low
     assert "map" not in [each.kind for each in found.fixes]
@@ -128,8 +128,8 @@ def test_settings_help_against_scattered_particles(two_corridors_at_its_worst):
     found = two_corridors_at_its_worst
     assert found.recommended == ("settings",)
     assert found.preset_choice.name == "safe"
-    assert found.fixed_site.robot.amcl.update_min_d == 0.1
-    assert found.confirmed.word == "better"
+    assert found.fixed_scenario.robot.amcl.update_min_d == 0.1
+    assert found.confirmation.word == "better"
 
 
 @pytest.fixture(scope="module")
@@ -224,7 +224,7 @@ def test_full_range_helps_against_limited_one():
     robot = locplan.Robot(locplan.Lidar(range=12.0, beams=120)).with_settings(TUNED_FILTER)
     found = check(grid, robot.with_settings({"laser_max_range": 1.5}), effort="quick")
     assert "range" in found.recommended
-    assert found.fixed_site.robot.amcl.laser_max_range >= 12.0
+    assert found.fixed_scenario.robot.amcl.laser_max_range >= 12.0
 
 
 def test_threshold_helps_if_walls_are_dark_grey(tmp_path):
@@ -232,7 +232,9 @@ def test_threshold_helps_if_walls_are_dark_grey(tmp_path):
     image = tmp_path / "room.pgm"
     image.write_bytes(image.read_bytes().replace(b"\x00", b"\x70"))
     found = check(tmp_path / "room.yaml", ROBOT, CORNERS, effort="quick")
-    assert (found.site.world.cells == OCCUPIED).sum() == (furnished_room().cells == OCCUPIED).sum()
+    assert (found.scenario.world.cells == OCCUPIED).sum() == (
+        furnished_room().cells == OCCUPIED
+    ).sum()
     assert found.recommended[0] == "walls"
     found.save(tmp_path / "report")
     written = locplan.load_map(tmp_path / "report" / "map.yaml")
@@ -354,7 +356,7 @@ def test_where_nothing_helps_the_next_action_can_be_done(solid):
     driven = dataclasses.replace(usual, recorded=("drive 1: The map fits",))
     assert driven.report().splitlines()[-1].startswith("  locplan recording ")
     for report in (usual, quick, driven):  # the page of the explorer shows the sentence alone
-        assert "--" not in next_action(report).sentence
+        assert "--" not in choose_next_action(report).sentence
 
 
 def test_check_reports_findings_before_drives_end(watched):
@@ -428,17 +430,17 @@ def test_masks_stations_in_walls_and_unknown_efforts_are_refused(tmp_path):
 )
 def test_nonsense_is_no_limit(text):
     with pytest.raises(locplan.LocplanError, match=r"limit must be|not in|is a share"):
-        Limit.parse(text)
+        CheckLimit.parse(text)
 
 
 def test_a_limit_fails_where_the_whole_interval_is_beyond_it(fine):
     low, high = fine.baseline.lost.low, fine.baseline.lost.high
-    assert (low, Limit.parse("lost > 0%").fails(fine)) == (0, False)
-    assert Limit.parse(f"lost < {100 * high + 1:.0f}%").fails(fine)
-    assert not Limit.parse(f"lost < {100 * high - 1:.0f}%").fails(fine)
-    assert Limit.parse("reached >= 1%").fails(fine)
-    assert Limit.parse("faults <= 0").fails(fine)
-    assert not Limit.parse("error > 1 m").fails(fine)
+    assert (low, CheckLimit.parse("lost > 0%").fails(fine)) == (0, False)
+    assert CheckLimit.parse(f"lost < {100 * high + 1:.0f}%").fails(fine)
+    assert not CheckLimit.parse(f"lost < {100 * high - 1:.0f}%").fails(fine)
+    assert CheckLimit.parse("reached >= 1%").fails(fine)
+    assert CheckLimit.parse("faults <= 0").fails(fine)
+    assert not CheckLimit.parse("error > 1 m").fails(fine)
 
 
 def test_check_command_ends_in_code_4_beyond_limit(run, tmp_path, monkeypatch):
@@ -451,7 +453,7 @@ def test_check_command_ends_in_code_4_beyond_limit(run, tmp_path, monkeypatch):
     code, out, err = run("check", "room.yaml", *words, *few)
     assert code == 4, err
     assert "door to desk" in out
-    assert "failed: faults is 0 [0, 0], it fails on faults <= 0" in err
+    assert "failed: faults is 0 [0, 0]; fails if faults <= 0" in err
     for name in ("report/report.html", "report/run.yaml"):
         assert (tmp_path / name).exists()
 
@@ -471,10 +473,10 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
     cells[140:148, 540:640] = OCCUPIED  # in the corridor
     grid, robot = dataclasses.replace(office, cells=cells), drive.robot(ROBOT)
     stations, told = [((7.0, 7.0), (20.5, 15.0))], []
-    found = check(grid, robot, stations, [drive], effort="quick", found=told.append)
-    assert found.recorded[0].startswith("drive 1: The map fits")
-    assert "too few scans" in found.recorded[2]  # of a log of one scan in half a metre
-    assert found.recorded[0] in found.report()
+    found = check(grid, robot, stations, [drive], effort="quick", on_finding=told.append)
+    assert found.recording_sentences[0].startswith("drive 1: The map fits")
+    assert "too few scans" in found.recording_sentences[2]  # of a log of one scan in half a metre
+    assert found.recording_sentences[0] in found.report()
     (false,) = [each for each in found.faults if each.kind == "false walls"]
     assert false.boxes[0] == pytest.approx((26.4, 31.4, 6.4, 6.8), abs=0.15)
     assert "here the scans do not fit the map" in false.sentence
@@ -483,8 +485,8 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
     text = found.report()
     assert len(text.splitlines()) <= 25
     assert f"at {false.place_text}" in " ".join(text.split())
-    assert found.recorded[0] in " ".join(text.split())
-    assert np.array_equal(found.site.world.cells, cells)  # which stays as it is
+    assert found.recording_sentences[0] in " ".join(text.split())
+    assert np.array_equal(found.scenario.world.cells, cells)  # which stays as it is
 
 
 @pytest.mark.long
@@ -493,6 +495,6 @@ def test_check_runs_no_filter_if_map_does_not_fit_recorded_drive():
     found = check(
         furnished_room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick"
     )
-    said, hidden = found.recorded
+    said, hidden = found.recording_sentences
     assert "cannot show motion along corridors" in hidden
     assert "does not fit" in said

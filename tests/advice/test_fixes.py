@@ -29,7 +29,7 @@ def test_threshold_helps_if_unknown_grey_is_free(tmp_path):
         assert (locplan.load_map(file).cells != UNKNOWN).all()
     found = check(file, ROBOT, CORNERS, effort="quick")
     assert found.recommended == ("walls",)
-    assert (found.site.world.cells == UNKNOWN).sum() == (cells == UNKNOWN).sum()
+    assert (found.scenario.world.cells == UNKNOWN).sum() == (cells == UNKNOWN).sum()
     found.save(tmp_path / "report")
     assert np.array_equal(locplan.load_map(tmp_path / "report" / "map.yaml").cells, cells)
 
@@ -47,11 +47,11 @@ def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_pat
     drive = driven_round(1.04)
     found = check(wrong, ROBOT, {"a": (1.0, 1.0), "b": (7.0, 1.0)}, [drive, drive], effort="quick")
     assert found.recommended == ("walls",)
-    assert found.site.stretch == pytest.approx(1 / 1.04, abs=0.005)
+    assert found.scenario.stretch == pytest.approx(1 / 1.04, abs=0.005)
     (walls,) = (each for each in found.fixes if each.kind == "walls")
     assert walls.ratio.value != 1  # the world is as large as it is, and no larger than the map
     assert "resolution" in {each.kind for each in found.faults}
-    said = "\n".join(found.recorded)
+    said = "\n".join(found.recording_sentences)
     for words in (
         "drive 1: it has too few scans",
         "drive 2: it has",
@@ -59,8 +59,8 @@ def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_pat
         "odometry as",
     ):
         assert words in said
-    assert found.site.robot.odometry != ROBOT.odometry
-    assert found.site.robot.filter == ROBOT.filter
+    assert found.scenario.robot.odometry != ROBOT.odometry
+    assert found.scenario.robot.filter == ROBOT.filter
     found.save(tmp_path)
     assert locplan.load_map(tmp_path / "map.yaml").resolution == pytest.approx(0.05, abs=2e-4)
 
@@ -74,7 +74,7 @@ def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
     assert found.recommended == ("paths",)
     assert found.after.lost.high < found.before.lost.low
     taken = locplan.plan(found.artifacts["paths"], *ways[0]).path
-    assert np.array_equal(taken.xy, found.fixed_site.paths["query 1"].xy)
+    assert np.array_equal(taken.xy, found.fixed_scenario.paths["query 1"].xy)
     with pytest.warns(
         locplan.export.parameters.RobotWarning, match="path followers may stop below"
     ):

@@ -47,7 +47,7 @@ def hits_on(grid, rays):
     occupied = grid.cells == OCCUPIED
     hits = np.zeros((len(rays.first), rays.beams, 4), np.float32)
     scene = empty_squares(occupied), find_surface_normals(occupied), grid.resolution
-    kernels.cast_map_hits(kernels.Surfaces(*scene), rays, hits)
+    kernels.cast_map_hits(kernels.MapSurfaces(*scene), rays, hits)
     return hits
 
 
@@ -68,7 +68,7 @@ def placed(hallway):
 
 
 def test_poses_that_no_memory_holds_are_refused(hallway, monkeypatch):
-    monkeypatch.setattr(checks, "usable_memory", lambda: 1000)
+    monkeypatch.setattr(checks, "get_usable_memory", lambda: 1000)
     with pytest.raises(ConfigError, match=r"poses with \d+ rays take .* take shorter routes"):
         place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE)
 
@@ -81,7 +81,7 @@ def test_an_object_fills_the_cells_whose_centre_lies_within_it(kind):
     row, col, heading, edge = 20.3, 17.8, 0.5, 0.1
     grid = OccupancyGrid(np.full((40, 40), FREE, np.uint8), edge)
     rows, cols = find_covered_cells(grid, kind, np.array([col * edge, row * edge, heading]))
-    outline = kernels.Outline(*kind.shape)
+    outline = kernels.ObjectOutline(*kind.shape)
     expected = {
         (i, j)
         for i, j in itertools.product(range(40), range(40))
@@ -207,37 +207,37 @@ DOOR = ascii_map(
 def passages_of(grid, kind, radius, route=((1.0, 1.0), (1.5, 1.0))):
     """Space of a robot, as a search has it."""
     robot = Robot(SHORT, footprint=radius, margin=0.0, filter=PRODUCT)
-    return tried(grid, kind, np.array(route), robot).search.passages
+    return tried(grid, kind, np.array(route), robot).search.robot_space
 
 
 def test_what_would_close_a_door_is_refused():
     passages = passages_of(DOOR, Pole(0.3), 0.25)
-    assert passages.cuts(np.array([6.0, 10.5, 0.0]))
-    assert not passages.cuts(np.array([3.0, 4.0, 0.0]))
+    assert passages.is_cut_by(np.array([6.0, 10.5, 0.0]))
+    assert not passages.is_cut_by(np.array([3.0, 4.0, 0.0]))
 
 
 def test_the_clearance_counts_only_where_the_robot_had_it():
     # with the clearance the door is closed anyway
     narrow = passages_of(DOOR, Pole(0.2), 0.25, ((1.25, 1.25), (1.5, 1.25)))
-    assert narrow.cuts(np.array([6.0, 10.5, 0.0]))
-    assert not narrow.cuts(np.array([6.0, 15.0, 0.0]))
+    assert narrow.is_cut_by(np.array([6.0, 10.5, 0.0]))
+    assert not narrow.is_cut_by(np.array([6.0, 15.0, 0.0]))
 
 
 def test_two_objects_may_close_what_one_leaves_open():
     grid = open_floor(30, 120)  # 2.8 m wide
     low, high = np.array([9.0, 60.0, 0.0]), np.array([21.0, 60.0, 0.0])
     passages = passages_of(grid, Pole(0.4), 0.3)
-    assert not passages.cuts(low)
-    assert not passages.cuts(high)
+    assert not passages.is_cut_by(low)
+    assert not passages.is_cut_by(high)
     other = passages.copy()
-    passages.place(low)
-    assert passages.cuts(high)
-    assert not other.cuts(high)
+    passages.close_around(low)
+    assert passages.is_cut_by(high)
+    assert not other.is_cut_by(high)
 
 
 def test_a_pocket_is_no_passage():
     passages = passages_of(open_floor(60, 60), Pole(0.4), 0.3)
-    assert not passages.cuts(np.array([8.8, 8.8, 0.0]))
+    assert not passages.is_cut_by(np.array([8.8, 8.8, 0.0]))
 
 
 @pytest.mark.parametrize("unknown", [False, True])
@@ -264,7 +264,7 @@ def test_an_object_that_closes_the_gap_of_a_view_is_seen_on_both_sides():
     before = hits.copy()
     behind = 5.4, 4.0, math.pi / 2
     touched = np.zeros(len(hits), bool)
-    kernels.add_object(hits, rays, kernels.Outline(*kind.shape), *behind, touched)
+    kernels.add_object(hits, rays, kernels.ObjectOutline(*kind.shape), *behind, touched)
     met = np.flatnonzero(hits[0, :, 0] < before[0, :, 0])
     assert met[0] == 0
     assert met[-1] == rays.beams - 1
@@ -280,7 +280,7 @@ def test_boxes_are_apart_by_their_outlines(hallway):
     apart = np.hypot(*(at - at[one]).T)
     along = (np.abs(at[:, 1] - at[one, 1]) < 0.05) & (apart > 0.5)
     for n in np.flatnonzero(along & (apart < 1.6)):
-        assert search.is_allowed(int(n), [one], search.passages) == (apart[n] >= 1.05 - 1e-9)
+        assert search.is_allowed(int(n), [one], search.robot_space) == (apart[n] >= 1.05 - 1e-9)
     assert (apart[along] < 1.05).any()
     assert (apart[along] > 1.05).any()
 
@@ -328,7 +328,7 @@ def small_scene(least=0.0, view=360.0):
     )
     width, beams = math.radians(view), 41
     poses = np.array([[1.1, 1.3], [2.2, 1.25], [3.3, 1.9], [4.6, 1.6]])
-    return grid, kernels.Rays(
+    return grid, kernels.RouteRays(
         poses,
         np.array([[0.1, 0.05], [0.1, -0.02], [0.08, 0.0], [0.0, 0.1]]),
         np.array([0.3, -2.0, 4.0, 11.0]) - width / 2,
@@ -346,7 +346,7 @@ def as_matrix(sums):
     return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
 
 
-OUTLINES = [kernels.Outline(0.15, 0.15, True), kernels.Outline(0.4, 0.1, False)]
+OUTLINES = [kernels.ObjectOutline(0.15, 0.15, True), kernels.ObjectOutline(0.4, 0.1, False)]
 
 
 @pytest.mark.parametrize("outline", OUTLINES)
@@ -385,7 +385,7 @@ def sightings_of(hits, rays, outline, places):
     for _ in range(2):  # the first time without room
         room = starts[-1]
         made = np.empty(room, np.int32), np.empty((room, 2), np.int16)
-        seen = kernels.Sightings(starts, *made)
+        seen = kernels.ObjectSightings(starts, *made)
         kernels.find_sightings(places, 0, len(places), hits, rays, outline, seen, counts)
         starts = np.concatenate([[0], np.cumsum(counts)])
     return seen
@@ -395,8 +395,8 @@ def sightings_of(hits, rays, outline, places):
 def test_the_objective_is_that_of_plain_matrices(outline):
     grid, rays = small_scene()
     normals = find_surface_normals(grid.cells == OCCUPIED)
-    routes, told = np.array([0, 3, 4]), ways.Sensing(2.0, 0.03)
-    motion = ways.Motion(0.05, 0.003, 0.1, 0.02, 0.01)
+    routes, told = np.array([0, 3, 4]), ways.BeamSensing(2.0, 0.03)
+    motion = ways.MotionNoise(0.05, 0.003, 0.1, 0.02, 0.01)
     hits = hits_on(grid, rays)
     sums = kernels.sum_hits(hits, rays)
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
@@ -434,8 +434,8 @@ def test_a_hit_counts_some_22_times_less_for_a_likelihood_field_where_all_beams_
     product, summed = seen_by(Robot(six, filter=PRODUCT)), seen_by(Robot(six))
     rays = product.rays.beams
     assert rays == summed.rays.beams
-    ratio = product.a_step.share / (
-        summed.a_step.share / (1 + summed.a_step.hit_coefficient * rays)
+    ratio = product.sensing.share / (
+        summed.sensing.share / (1 + summed.sensing.hit_coefficient * rays)
     )
     assert 20 < ratio < 24
 
@@ -466,27 +466,27 @@ def test_the_motion_is_the_filters():
 
 def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
     objective = placed.search.sight
-    objective.start(np.arange(0))
+    objective.place_objects(np.arange(0))
     values = objective.compute_objectives(np.arange(5))
     for n in range(5):
-        objective.start(np.array([n]))
+        objective.place_objects(np.array([n]))
         assert objective.compute_objective() == pytest.approx(values[n], rel=1e-6)
 
 
 def test_each_place_is_the_best_beside_those_before(placed):
     search, chosen = placed.search, []
     for n in range(3):
-        search.sight.start(np.array(chosen, np.int64))
+        search.sight.place_objects(np.array(chosen, np.int64))
         values = search.sight.compute_objectives(np.arange(len(search.places)))
-        lazy = dataclasses.replace(search, lazy=5).run(n + 1)[0][-1]
-        chosen.append(search.find_best(chosen))
+        lazy = dataclasses.replace(search, n_lazy=5).select_places(n + 1)[0][-1]
+        chosen.append(search.find_best_place(chosen))
         assert lazy == chosen[-1]
         assert (positions_of(placed)[chosen[-1]] == placed.positions[n]).all()
         assert placed.curve[n + 1] == pytest.approx(values[chosen[-1]])
         assert placed.curve[n + 1] == pytest.approx(values.min(), rel=0.02)  # or it is too close
     assert (np.diff(placed.curve) < 0).all()
     assert (placed.gains == -np.diff(placed.curve)).all()
-    assert 1 <= placed.paying <= 3
+    assert 1 <= placed.n_paying <= 3
 
 
 def test_landmarks_do_not_depend_on_the_threads(hallway, placed):
@@ -526,9 +526,9 @@ def test_what_two_close_together_is_refused_beside_the_first(hallway):
     one = int(np.argmin(np.hypot(at[:, 0] + 1, at[:, 1] + 1)))
     opposite = int(np.argmin(np.hypot(at[:, 0] - at[one, 0], at[:, 1] - 1)))
     beside = int(np.argsort(np.hypot(*(at - at[one]).T))[1])
-    assert search.is_allowed(opposite, [], search.make_passages([]))
-    assert not search.is_allowed(opposite, [one], search.make_passages([one]))
-    assert not search.is_allowed(beside, [one], search.make_passages([one]))
+    assert search.is_allowed(opposite, [], search.make_robot_space([]))
+    assert not search.is_allowed(opposite, [one], search.make_robot_space([one]))
+    assert not search.is_allowed(beside, [one], search.make_robot_space([one]))
     costs = locplan.Costmap.blank(made.grid, robot=0.35)
     assert locplan.plan(costs, (-6, 0), (6, 0)).path
 
@@ -541,10 +541,10 @@ def test_places_at_random_close_no_passage_either(hallway):
         poses = np.column_stack([positions_of(made), search.places[:, 2]])[chosen]
         marked = with_objects(hallway, Box(0.6, 0.5), poses)
         costs.append(locplan.Costmap.blank(marked, robot=0.35))
-        passages = search.passages.copy()
+        passages = search.robot_space.copy()
         for n in chosen:
-            assert not passages.cuts(search.places[n])
-            passages.place(search.places[n])
+            assert not passages.is_cut_by(search.places[n])
+            passages.close_around(search.places[n])
     assert all(locplan.plan(each, (-6, 0), (6, 0)).path for each in costs)
 
 
@@ -552,7 +552,7 @@ def test_places_are_joined_by_shortest_paths(hallway):
     ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0), "c": (0.0, 0.3)}
     made = place_landmarks(hallway, Pole(0.2), 1, robot=DRIVEN, places=ends)
     assert list(made.setting.routes) == ["a to b", "a to c", "b to c"]
-    assert verify_landmarks(made, 2, random_sets=1).after.number == 6
+    assert verify_landmarks(made, 2, random_sets=1).after.n_drives == 6
 
 
 def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
@@ -595,8 +595,8 @@ def verification(placed):
 
 
 def test_landmarks_are_verified_by_drives(placed, verification):
-    assert (verification.before.number, verification.after.number) == (6, 6)
-    assert verification.random.number == 6
+    assert (verification.before.n_drives, verification.after.n_drives) == (6, 6)
+    assert verification.random.n_drives == 6
     assert verification.after.rmse.value < verification.before.rmse.value
     again = verify_landmarks(placed, 6, random_sets=2, threads=1)
     assert again.table() == verification.table()

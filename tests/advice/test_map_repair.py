@@ -26,7 +26,7 @@ def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
     assert mended.grid == blocks()
     assert mended.filter_map == hollow_walls(blocks())
     (verdict,) = mended.verdicts
-    assert verdict.lost_mended.value < verdict.lost_as_is.value
+    assert verdict.lost_repaired.value < verdict.lost_as_is.value
     assert verdict.rmse_ratio.value < 1
     assert verdict.verdict == mended.summary()["verdicts"][0]["verdict"] == "better"
     assert "better" in mended.report()

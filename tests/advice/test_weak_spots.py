@@ -11,7 +11,7 @@ from matplotlib.path import Path
 from support.maps import ascii_map, random_rooms
 
 import locplan
-from locplan.advice.weak_spots import degenerate_areas, find_meeting_lines, find_weak_spots
+from locplan.advice.weak_spots import find_degenerate_areas, find_weak_spots, mark_meeting_lines
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField, FieldConfig, Sad, SearchWindow
 from locplan.field.covariance import DEGENERATE
@@ -43,7 +43,7 @@ def marked(mask, resolution=1.0):
     """The areas of the cells of a mask, (H, W), on a free map."""
     costs, field = made_up(np.full(mask.shape, FREE, np.uint8), resolution=resolution)
     costs = dataclasses.replace(costs, u=mask.astype(float))
-    return degenerate_areas(costs, field, threshold=0.5, min_area=0.0)
+    return find_degenerate_areas(costs, field, threshold=0.5, min_area=0.0)
 
 
 def signed_area(ring):
@@ -116,7 +116,7 @@ def corridors():
 
 
 def test_the_straight_corridor_is_the_only_area(corridors):
-    (area,) = degenerate_areas(*corridors)
+    (area,) = find_degenerate_areas(*corridors)
     low, high = area.outline.min(axis=0), area.outline.max(axis=0)
     assert high[0] - low[0] > 15
     assert (low[1], high[1]) == pytest.approx((2.0, 4.0), abs=0.06)
@@ -138,7 +138,7 @@ def test_a_map_turned_by_90_degrees_has_turned_areas():
     for turned in (cells, np.rot90(cells, -1)):  # rows upwards: counter-clockwise
         grid = OccupancyGrid(np.ascontiguousarray(turned), 0.1)
         field = locplan.covariance_field(grid, Sad(range=2.0))
-        results.append((grid, degenerate_areas(Costmap.from_field(field), field)))
+        results.append((grid, find_degenerate_areas(Costmap.from_field(field), field)))
     (_, (one, *others)), (turned, (other, *_)) = results
     assert not others
     width = turned.shape[1] * turned.resolution
@@ -154,8 +154,8 @@ def test_a_map_turned_by_90_degrees_has_turned_areas():
 @pytest.mark.parametrize("yaw", [0.7, math.pi / 2, -2.5])
 def test_the_yaw_of_a_map_turns_polygons(yaw):
     cells = random_rooms((90, 130), seed=2)
-    straight = degenerate_areas(*made_up(cells, origin=(0.0, 0.0, 0.0)), threshold=0.2)
-    turned = degenerate_areas(*made_up(cells, origin=(3.0, 4.0, yaw)), threshold=0.2)
+    straight = find_degenerate_areas(*made_up(cells, origin=(0.0, 0.0, 0.0)), threshold=0.2)
+    turned = find_degenerate_areas(*made_up(cells, origin=(3.0, 4.0, yaw)), threshold=0.2)
     matrix = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     assert len(straight) == len(turned) > 0
     for one, other in zip(straight, turned, strict=True):
@@ -170,7 +170,7 @@ def test_the_yaw_of_a_map_turns_polygons(yaw):
 @pytest.mark.parametrize("blur", [0.15, 0.4, 1.0])
 def test_polygons_hold_the_cells_and_are_valid(seed, blur):
     costs, field = made_up(random_rooms((100, 140), seed), blur=blur, seed=seed)
-    areas = degenerate_areas(costs, field, threshold=0.18, min_area=0.2)
+    areas = find_degenerate_areas(costs, field, threshold=0.18, min_area=0.2)
     grid = costs.grid
     _, labels = cv2.connectedComponents((costs.u >= 0.18).astype(np.uint8), connectivity=4)
     cell = grid.resolution**2
@@ -230,7 +230,7 @@ def test_polygons_of_noise_are_valid_and_apart(seed):
     costs, field = made_up(np.full((50, 60), FREE, np.uint8), blur=0)
     noise = np.random.default_rng(seed).random((50, 60)) * 0.95
     costs = dataclasses.replace(costs, u=np.maximum(noise, np.roll(noise, 1, axis=seed % 2)))
-    areas = degenerate_areas(costs, field, threshold=0.62, min_area=0.01)
+    areas = find_degenerate_areas(costs, field, threshold=0.62, min_area=0.01)
     assert len(areas) > 20
     assert sum(len(area.holes) for area in areas) > 0
     inside(areas, costs.grid)
@@ -246,7 +246,7 @@ def test_polygons_of_noise_are_valid_and_apart(seed):
 def test_lines_that_meet_are_found():
     bow = np.array([[0, 0], [8, 8], [8, 0], [0, 8]])
     apart = np.array([[20, 0], [30, 0], [30, 10]])
-    assert find_meeting_lines([bow, apart]).tolist() == [
+    assert mark_meeting_lines([bow, apart]).tolist() == [
         True,
         False,
         True,
@@ -256,9 +256,9 @@ def test_lines_that_meet_are_found():
         False,
     ]
     touching = np.array([[25, 5], [21, 20], [11, 20]])  # its first corner lies on a line
-    assert find_meeting_lines([apart, touching]).any()
+    assert mark_meeting_lines([apart, touching]).any()
     back = np.array([[0, 0], [8, 0], [4, 0], [4, 6]])
-    assert find_meeting_lines([back]).any()
+    assert mark_meeting_lines([back]).any()
 
 
 def test_small_holes_are_filled_and_others_kept():
@@ -266,7 +266,7 @@ def test_small_holes_are_filled_and_others_kept():
     cells[20:25, 20:25] = 0  # 0.0625 m²
     cells[40:50, 40:50] = 0  # 0.25 m²
     costs, field = made_up(cells)
-    (area,) = degenerate_areas(costs, field, threshold=0.0)
+    (area,) = find_degenerate_areas(costs, field, threshold=0.0)
     (hole,) = area.holes
     assert -signed_area(hole) == pytest.approx(0.25)
     assert area.area == pytest.approx(80 * 100 * 0.0025 - 0.3125)
@@ -277,7 +277,7 @@ def test_many_small_holes_are_not_all_filled():
     cells = np.full((80, 100), FREE, np.uint8)
     cells[5::10, 5::10] = cells[5::10, 6::10] = 0  # 80 of 0.005 m²: 2 %
     cells[2:4, 2:4] = 0
-    (area,) = degenerate_areas(*made_up(cells), threshold=0.0)
+    (area,) = find_degenerate_areas(*made_up(cells), threshold=0.0)
     assert 1 <= len(area.holes) < 10
     whole = signed_area(area.outline) + sum(map(signed_area, area.holes))
     assert area.area < whole < 1.021 * area.area
@@ -290,7 +290,7 @@ def test_areas_between_the_points_of_the_lattice_are_read():
     narrow = np.zeros(cells.shape)
     narrow[8, 1:4] = 1.0
     costs = dataclasses.replace(costs, u=np.where(costs.grid.free, narrow, np.nan))
-    (area,) = degenerate_areas(costs, field, threshold=0.5, min_area=0.0)
+    (area,) = find_degenerate_areas(costs, field, threshold=0.5, min_area=0.0)
     assert area.area == pytest.approx(3 * 0.0025)
     ends = sorted(np.sqrt(field.covariance[2, :2, 0, 0]))
     assert ends[0] <= area.position_std <= ends[1]
@@ -298,7 +298,7 @@ def test_areas_between_the_points_of_the_lattice_are_read():
 
 def test_the_default_is_half_of_a_corridor_without_features(corridors):
     def sizes(costs, threshold=None):
-        return sum(each.area for each in degenerate_areas(costs, field, threshold=threshold))
+        return sum(each.area for each in find_degenerate_areas(costs, field, threshold=threshold))
 
     costs, field = corridors
     for law in ("logarithmic", "linear", "cube-root"):
@@ -315,7 +315,7 @@ def test_areas_without_rotation_have_no_heading():
     window = SearchWindow(half_rotation_deg=0)
     covariance = np.tile(np.diag([0.04, 0.3]), (20, 30, 1, 1))
     field = CovarianceField(covariance, grid, FieldConfig(Sad(window=window)))
-    (area,) = degenerate_areas(Costmap.from_field(field), field)
+    (area,) = find_degenerate_areas(Costmap.from_field(field), field)
     assert math.isnan(area.heading_std)
     assert abs(area.direction) == pytest.approx(math.pi / 2)
 
@@ -324,13 +324,13 @@ def test_what_areas_cannot_be_made_of_is_refused(corridors):
     costs, field = corridors
     for wrong in ({"threshold": -0.1}, {"threshold": math.nan}, {"min_area": -1.0}):
         with pytest.raises(ConfigError):
-            degenerate_areas(costs, field, **wrong)
-    assert degenerate_areas(Costmap.blank(costs.grid), field) == ()
+            find_degenerate_areas(costs, field, **wrong)
+    assert find_degenerate_areas(Costmap.blank(costs.grid), field) == ()
     other = environments.make("two_corridors", resolution=0.1)
     with pytest.raises(FieldError, match="another map"):
-        degenerate_areas(Costmap.blank(other), field)
+        find_degenerate_areas(Costmap.blank(other), field)
     with pytest.raises(ConfigError, match="field must be"):
-        degenerate_areas(costs, None)
+        find_degenerate_areas(costs, None)
 
 
 def test_weak_spots_without_routes_lie_in_largest_part(corridors):

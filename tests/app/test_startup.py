@@ -71,7 +71,7 @@ def test_the_search_for_garbage_ends_with_the_program(monkeypatch, ompl):
 def test_the_bar_says_that_it_compiles_only_while_it_does():
     from numba.core.compiler_lock import global_compiler_lock
 
-    bar = progress._Bar("field", "cells", "starting")
+    bar = progress._ProgressBar("field", "cells", "starting")
     assert str(bar) == "starting"
     held, done = threading.Event(), threading.Event()
 
@@ -91,7 +91,7 @@ def test_the_bar_says_that_it_compiles_only_while_it_does():
 
 
 def test_a_kernel_read_from_the_cache_is_not_called_compiled(monkeypatch):
-    bar = progress._Bar("field", "cells", "starting")
+    bar = progress._ProgressBar("field", "cells", "starting")
     looks = iter([True, False, True, False])
     monkeypatch.setattr(progress, "is_compiling", lambda: next(looks))
     assert [str(bar) for _ in range(4)] == ["starting"] * 4

@@ -31,8 +31,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from locplan._support.files import check_folder, errors_in_one_line
-from locplan._support.output import replacing
+from locplan._support.files import check_folder, shorten_errors
+from locplan._support.output import replace_file
 from locplan.errors import LocplanError
 
 HERE = Path(__file__).resolve().parent
@@ -172,19 +172,19 @@ def read(file: Path) -> list[Row]:
 
 def write(folder: Path, rows: Sequence[Row], machine: dict[str, str]) -> None:
     """The table as Markdown, CSV and JSON, each whole or not at all."""
-    with errors_in_one_line(folder):
+    with shorten_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     plain = [asdict(row) for row in rows]
-    with replacing(folder / f"{NAME}.md") as file:
+    with replace_file(folder / f"{NAME}.md") as file:
         file.write_text(markdown(rows, machine), encoding="utf-8")
     with (
-        replacing(folder / f"{NAME}.csv") as file,
+        replace_file(folder / f"{NAME}.csv") as file,
         file.open("w", newline="", encoding="utf-8") as out,
     ):
         writer = csv.DictWriter(out, [field.name for field in fields(Row)])
         writer.writeheader()
         writer.writerows(plain)
-    with replacing(folder / f"{NAME}.json") as file:
+    with replace_file(folder / f"{NAME}.json") as file:
         file.write_text(json.dumps({"machine": machine, "rows": plain}, indent=1) + "\n")
 
 

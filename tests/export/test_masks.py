@@ -27,7 +27,7 @@ from support.smac import (
 )
 
 from locplan import load_map, save_map
-from locplan._support.public import field_docs
+from locplan._support.public import read_field_docs
 from locplan.errors import LocplanError
 from locplan.export import (
     formats as export_formats,
@@ -988,7 +988,7 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
 
 def test_formats_describe_every_option():
     for each in list_formats().values():
-        for name, doc in field_docs(each.options).items():
+        for name, doc in read_field_docs(each.options).items():
             assert doc.endswith("."), f"{each.name}: {name}"
 
 

@@ -14,7 +14,7 @@ from locplan._support.kernels.lidar import (
     compute_information,
     measure_ends,
     move_ends,
-    scan_ends,
+    write_scan_ends,
 )
 from locplan._support.kernels.rays import cast, empty_squares
 from locplan.field.beams import find_surface_normals
@@ -426,7 +426,7 @@ def test_a_return_below_the_least_range_is_none(least, returned, of_ranges):
     found = at_pose(occupied, 0.1, 20.5, 15.5, 0.0, ahead_and_back, of_ranges, walls)
     np.testing.assert_allclose(found, np.diag([returned, 0.0, 0.0]), atol=1e-12)
     ends = np.empty((2, 2))
-    scan_ends(empty_squares(occupied), 0.1, 20.5, 15.5, 0.0, ahead_and_back, ends)
+    write_scan_ends(empty_squares(occupied), 0.1, 20.5, 15.5, 0.0, ahead_and_back, ends)
     there = np.array([[30.0, 0.0], [-10.0, 0.0]])
     there[returned:] = np.nan
     np.testing.assert_allclose(ends, there, atol=1e-9)
@@ -470,7 +470,7 @@ def test_ends_move_along_their_beams_as_in_the_plain_loop():
     for row, col in np.argwhere(levels[4:-4, 4:-4] == FREE)[::12] + 4:  # no mount off the map
         heading = rng.uniform(-4, 4)
         pose = row + 0.5, col + 0.5, heading
-        scan_ends(squares, 0.1, *pose, beams, ends)
+        write_scan_ends(squares, 0.1, *pose, beams, ends)
         for noisy in (np.zeros((60, 2)), noise):
             move_ends(0.1, heading, beams, noisy, ends)
             expected = oracles.beams.moved_ends(levels, 0.1, *pose, sensor, angles, noisy)

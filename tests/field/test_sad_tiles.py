@@ -29,7 +29,7 @@ def kept(layout, negligible):
     return result
 
 
-def lay_out(cells, rows, cols, radius, window):
+def write_cost_planes(cells, rows, cols, radius, window):
     part = MapPart.from_map(cells, np.array(rows), np.array(cols), window.resolution)
     return MapLayout.from_part(part, radius, window)
 
@@ -45,7 +45,7 @@ def test_kept_lines_are_those_of_the_plain_loops(
     cells = random_rooms((220, 190), seed=radius)
     window = OffsetLattice(0.05, step, half_steps, np.radians(25), 1)
     rows, cols = [110, 7, 113], [100, 180, 102]
-    layout = lay_out(cells, rows, cols, radius, window)
+    layout = write_cost_planes(cells, rows, cols, radius, window)
     exact = count_mismatches(layout)
     limit = int(np.quantile(exact.min(axis=2), 0.15)) >> shift
     monkeypatch.setattr("locplan.field.sad_tiles.scale_to_short", lambda _: (limit, shift))
@@ -63,7 +63,7 @@ def test_kept_lines_are_those_of_the_plain_loops(
 
 def compare_with_plain_sums(cells, rows, cols, radius, window, negligible):
     """Return the share of lines kept, having held the bound against the sums of all offsets."""
-    layout = lay_out(cells, rows, cols, radius, window)
+    layout = write_cost_planes(cells, rows, cols, radius, window)
     lines = kept(layout, negligible)
     exact = count_mismatches(layout)
     least = exact.min(axis=2).transpose(2, 0, 1)

@@ -13,7 +13,7 @@ from support.cases import sample_cases
 from support.maps import corridor, random_rooms
 
 from locplan._support.kernels import likelihood, posterior as scan
-from locplan._support.kernels.lidar import LidarBeams, scan_ends
+from locplan._support.kernels.lidar import LidarBeams, write_scan_ends
 from locplan._support.kernels.likelihood import TOP
 from locplan._support.kernels.rays import empty_squares
 from locplan.field import FieldConfig, OffsetLattice, Sad, Scan, SearchWindow
@@ -35,7 +35,7 @@ def cast_ends(levels, row, col, angles, reach):
     ends = np.empty((len(angles), 2))
     all_of_them = LidarBeams(np.asarray(angles, float), 0.0, 0.0, 0.0, 0.03, 0.0, float(reach))
     squares = empty_squares(levels == OCCUPIED)
-    scan_ends(squares, 1.0, row + 0.5, col + 0.5, 0.0, all_of_them, ends)
+    write_scan_ends(squares, 1.0, row + 0.5, col + 0.5, 0.0, all_of_them, ends)
     return ends
 
 
@@ -86,7 +86,7 @@ def lattice_costs(values, half_steps):
 def mode_of(lattice, costs, excess):
     words = costs.size // 64
     bits = np.empty((4, words + 2 * (lattice.plane // 64 + 2)), np.uint64)
-    mode = scan.central_mode(lattice, costs, excess, bits)[:words]
+    mode = scan.find_central_mode(lattice, costs, excess, bits)[:words]
     inside = np.unpackbits(mode.view(np.uint8), bitorder="little").astype(bool)
     planes = inside.reshape(lattice.cos.size, -1, lattice.width)
     return planes[:, : lattice.offsets, : lattice.offsets]
@@ -166,7 +166,7 @@ def test_posterior_is_that_of_the_exact_likelihood_but_for_the_steps_of_cost():
     )  # fmt: skip
     costs = kernel_costs(field, window, row, col, ends)
     assert abs(costs * field.nats - losses).max() <= beams * field.nats / 2
-    mode = oracles.scan.central_mode(losses * TEMPERATURE, -math.log(scan.CONNECTED))
+    mode = oracles.scan.find_central_mode(losses * TEMPERATURE, -math.log(scan.CONNECTED))
     expected = oracles.scan.moments(losses * TEMPERATURE, mode)
     result = run(levels, 0.05, window, [row], [col], ends[None])
     for name, value in zip(scan.LatticePosteriors._fields, expected, strict=True):
@@ -203,7 +203,7 @@ def test_central_mode_equals_the_plain_search(headings, half_steps, share):
     lattice, costs = lattice_costs(values, half_steps)
     excess = 650.0 - values[headings // 2, half_steps, half_steps]
     excess = max(excess, 0.0)
-    expected = oracles.scan.central_mode(values.astype(float), excess)
+    expected = oracles.scan.find_central_mode(values.astype(float), excess)
     np.testing.assert_array_equal(mode_of(lattice, costs, excess), expected)
 
 
@@ -286,7 +286,7 @@ def test_the_tail_of_one_peak_is_no_ambiguity():
     k, j, i = np.mgrid[-6:7, -10:11, -10:11]
     for deviation in (0.3, 1.0, 1.5):
         losses = (i**2 + j**2 + k**2) / (2 * deviation**2)
-        mode = oracles.scan.central_mode(losses, -math.log(scan.CONNECTED))
+        mode = oracles.scan.find_central_mode(losses, -math.log(scan.CONNECTED))
         assert oracles.scan.moments(losses, mode)[3] < 0.005
 
 
@@ -406,7 +406,7 @@ def covariance_in_plain_loops(scan_, levels, resolution, row, col, heading):
         levels, row, col, ends, window.step_cells, window.half_steps, window.angles,
         lambda squared: nats * table[int(min(squared, table.size - 1))],
     ) * (scan_.effective_beams * pitch / 180)  # fmt: skip
-    mode = oracles.scan.central_mode(losses, -math.log(scan.CONNECTED))
+    mode = oracles.scan.find_central_mode(losses, -math.log(scan.CONNECTED))
     _, in_steps, entropy, ambiguity = oracles.scan.moments(losses, mode)
     covariance = scan_.noise_level * in_steps * np.outer(window.steps, window.steps)
     covariance += np.diag(window.steps**2 / 12)

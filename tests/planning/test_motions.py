@@ -93,7 +93,7 @@ def test_arcs_cross_the_borders_that_tiny_steps_find(seed):
 def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
     rng = np.random.default_rng(7)
     density = random_costs(11, blocked=blocked).density
-    half = search.bordered_half(density, 1)[None]
+    half = search.make_bordered_half(density, 1)[None]
     columns = density.shape[1] + 2
     outcomes = set()
     for _ in range(12):

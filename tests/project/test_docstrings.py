@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import locplan
-from locplan._support.public import field_docs
+from locplan._support.public import read_field_docs
 
 SEE = re.compile(r"\b[Ss]ee ((?:`[\w.]+`(?:, | and | or )?)+)")
 BOUND = (classmethod, staticmethod)
@@ -204,7 +204,7 @@ def test_every_default_is_told():
 def test_every_field_is_described():
     lacking = {}
     for place in CLASSES:
-        known = field_docs(place.thing) | described(place.doc)
+        known = read_field_docs(place.thing) | described(place.doc)
         names = [name for name in fields_of(place.thing) if not name.startswith("_")]
         lacking[place.name] = [name for name in names if not known.get(name, "").strip()]
     assert {name: names for name, names in lacking.items() if names} == {}

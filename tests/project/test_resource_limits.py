@@ -47,8 +47,8 @@ def room(tmp_path):
 
 @pytest.fixture
 def small_machine(monkeypatch):
-    monkeypatch.setattr(checks, "usable_cores", lambda: 2)
-    monkeypatch.setattr(checks, "usable_memory", lambda: 10**9)
+    monkeypatch.setattr(checks, "count_usable_cores", lambda: 2)
+    monkeypatch.setattr(checks, "get_usable_memory", lambda: 10**9)
 
 
 CALLS = [
@@ -96,7 +96,7 @@ def test_a_field_that_does_not_fit_into_memory_is_refused(no_work, small_machine
 
 def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
     simulator, path = Simulator(GRID), Path(np.array([[1.5, 2.5], [8.5, 2.5]]))
-    monkeypatch.setattr(checks, "usable_memory", lambda: 10**6)
+    monkeypatch.setattr(checks, "get_usable_memory", lambda: 10**6)
     with pytest.raises(ConfigError, match=r"1000000 drives of 1 paths take .* drive fewer"):
         drive_open(simulator, {"path": path}, range(10**6))
 

@@ -517,7 +517,7 @@ def test_memory_is_taken_by_what_is_kept(tmp_path):
     for n in range(4000):
         track.add(n / 1000, (n, *poses.IDENTITY[1:]))
     assert track._before.shape == track._after.shape == (3, 8)
-    np.testing.assert_allclose(track.at_times()[:, 0], [1000, 2000, 3000])
+    np.testing.assert_allclose(track.interpolate()[:, 0], [1000, 2000, 3000])
 
 
 def test_samples_that_arrive_late_are_used():
@@ -528,7 +528,7 @@ def test_samples_that_arrive_late_are_used():
         track = poses.Track(times)
         for time in np.random.default_rng(seed).permutation(samples):
             track.add(float(time), (10 * float(time), *poses.IDENTITY[1:]))
-        np.testing.assert_allclose(track.at_times()[:, 0], wanted)
+        np.testing.assert_allclose(track.interpolate()[:, 0], wanted)
 
 
 def test_a_quaternion_and_its_negative_are_the_same_turn():
@@ -537,7 +537,7 @@ def test_a_quaternion_and_its_negative_are_the_same_turn():
         turn = (sign * math.sin(yaw / 2), sign * math.cos(yaw / 2))
         track.add(time, (yaw, 0.0, 0.0, 0.0, 0.0, *turn))
     np.testing.assert_allclose(
-        poses.project_to_plane(track.at_times()), [[0.5, 0.0, 0.5]], atol=1e-12
+        poses.project_to_plane(track.interpolate()), [[0.5, 0.0, 0.5]], atol=1e-12
     )
 
 

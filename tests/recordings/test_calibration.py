@@ -229,9 +229,9 @@ def test_blocks_are_drawn_as_a_whole():
     drawn = of_intervals.draw_blocks(blocks)
     assert (drawn.sum(axis=1) == 160).all()
     assert (drawn.reshape(len(drawn), 8, 20).std(axis=2) == 0).all()
-    value, low, high = of_intervals.mean_interval(blocks.astype(float), blocks)
+    value, low, high = of_intervals.estimate_block_mean(blocks.astype(float), blocks)
     assert (value, low < value < high) == (3.5, True)
-    assert math.isnan(of_intervals.mean_interval(np.ones(60), blocks[:60]).low)
+    assert math.isnan(of_intervals.estimate_block_mean(np.ones(60), blocks[:60]).low)
     (total,) = of_intervals.bootstrap_statistics(
         lambda weights: np.array([weights.sum()]), blocks, 50
     )

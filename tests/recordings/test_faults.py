@@ -16,7 +16,7 @@ from support.recordings import simulate_recording
 
 from locplan import Lidar, load_map
 from locplan._support.poses import apply_motions, compute_motions, wrap_angles
-from locplan.advice.map_reading import MapReading
+from locplan.advice.map_reading import MapCorrection
 from locplan.advice.recorded import analyze_recordings as look_at_drives
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, MapFaults, OccupancyGrid, environments
 from locplan.recordings import Recording, read_recording
@@ -202,7 +202,8 @@ def test_check_reports_faults_and_leaves_them_out(office, drive, monkeypatch):
     drives, robot = [with_ways(drive, change) for change in (slip, stand)], drive.robot()
     map_faults = MapFaults(office, (), office)
     results = [
-        look_at_drives([one], MapReading(office), map_faults, robot, None, 1, 1) for one in drives
+        look_at_drives([one], MapCorrection(office), map_faults, robot, None, 1, 1)
+        for one in drives
     ]
     assert [result.are_sound for result in results] == [(True,), (False,)]
     assert any("Odometry and scans disagree" in text for text in results[0].sentences)

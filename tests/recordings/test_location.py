@@ -52,7 +52,7 @@ def rooms(*, differ: bool = False) -> OccupancyGrid:
 
 def scan_at(grid: OccupancyGrid, lidar: Lidar, *pose: float) -> np.ndarray:
     """Ranges of the lidar's beams at a pose in the world, without noise [m]."""
-    from locplan._support.kernels.lidar import LidarBeams as Beams, lever, scan_ends
+    from locplan._support.kernels.lidar import LidarBeams as Beams, lever, write_scan_ends
     from locplan._support.kernels.rays import empty_squares
 
     beams = Beams(
@@ -68,7 +68,7 @@ def scan_at(grid: OccupancyGrid, lidar: Lidar, *pose: float) -> np.ndarray:
     heading = pose[2] - grid.origin[2]
     ends = np.empty((lidar.beams, 2))
     squares = empty_squares(grid.cells == OCCUPIED)
-    scan_ends(squares, grid.resolution, float(row), float(col), heading, beams, ends)
+    write_scan_ends(squares, grid.resolution, float(row), float(col), heading, beams, ends)
     away = ends - np.array(lever(beams, heading, grid.resolution))
     ranges = np.hypot(*away.T) * grid.resolution
     return np.where(np.isnan(ranges), np.inf, ranges)

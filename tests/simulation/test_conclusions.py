@@ -50,7 +50,7 @@ def test_areas_under_the_curve_are_those_of_the_rank_sum():
 def test_a_resample_is_ranked_like_the_places_drawn():
     random = np.random.default_rng(2)
     values, errors = random.integers(0, 9, (2, 30)).astype(float)
-    drawn = intervals.Resamples.from_counts([30])
+    drawn = intervals.BootstrapResamples.from_counts([30])
     assert (drawn.places[0].sum(axis=1) == 30).all()
     one = dataclasses.replace(
         drawn, places=[np.repeat(drawn.places[0][:1], intervals.RESAMPLES, axis=0)]
@@ -67,9 +67,9 @@ def test_intervals_of_ranks_hold_the_truth():
     truth = 6 / math.pi * math.asin(0.6 / 2)  # Spearman's of a bivariate normal with r = 0.6
     for seed in range(60):
         a, b = random.multivariate_normal([0, 0], [[1, 0.6], [0.6, 1]], 80).T
-        low, high = intervals.rank([a], [b], intervals.Resamples.from_counts([80], seed)).spearman[
-            1:
-        ]
+        low, high = intervals.rank(
+            [a], [b], intervals.BootstrapResamples.from_counts([80], seed)
+        ).spearman[1:]
         inside += low <= truth <= high
     assert inside >= 51
 
@@ -79,11 +79,13 @@ def test_several_maps_widen_the_interval_and_are_averaged():
     # Within each map the values say nothing; between maps everything.
     errors = [np.exp(m + 0.1 * random.standard_normal(50)) for m in range(4)]
     values = [m + 0.1 * random.standard_normal(50) for m in range(4)]
-    found = intervals.rank(values, errors, intervals.Resamples.from_counts([50] * 4))
+    found = intervals.rank(values, errors, intervals.BootstrapResamples.from_counts([50] * 4))
     assert found.spearman.value > 0.85
     assert abs(found.within.value) < 0.2
     alone = intervals.rank(
-        [np.concatenate(values)], [np.concatenate(errors)], intervals.Resamples.from_counts([200])
+        [np.concatenate(values)],
+        [np.concatenate(errors)],
+        intervals.BootstrapResamples.from_counts([200]),
     )
     assert found.spearman.high - found.spearman.low > alone.spearman.high - alone.spearman.low
 

@@ -151,13 +151,13 @@ def test_random_particles_are_added_where_weights_have_fallen():
     found, plain = np.zeros(2), np.zeros(2)
     shares = []
     for weight in (0.8, 0.9, 0.0, 0.2, 0.1, 0.1, 2.0):
-        shares.append(drives.lost_share(found, weight, settings))
-        assert shares[-1] == pytest.approx(oracles.particles.lost_share(plain, weight, amcl))
+        shares.append(drives.update_lost_share(found, weight, settings))
+        assert shares[-1] == pytest.approx(oracles.particles.update_lost_share(plain, weight, amcl))
         assert found == pytest.approx(plain)
     assert shares[0] == shares[1] == shares[-1] == 0
     assert 0 < shares[3] < shares[4] < shares[5] < 1
     none = simulator(room(), Amcl()).arguments.filter
-    assert [drives.lost_share(np.array([0.5, 0.5]), w, none) for w in (0.1, 2.0)] == [0, 0]
+    assert [drives.update_lost_share(np.array([0.5, 0.5]), w, none) for w in (0.1, 2.0)] == [0, 0]
 
 
 def test_the_first_share_above_a_value_is_found_from_anywhere():
@@ -169,7 +169,7 @@ def test_the_first_share_above_a_value_is_found_from_anywhere():
     for value in values:
         expected = min(np.searchsorted(shares, value, side="right"), 39)
         for near in range(40):
-            assert particles.first_above(value, shares, near) == expected
+            assert particles.find_first_above(value, shares, near) == expected
     expected = np.searchsorted(shares * 40, np.arange(41) * shares[-1], side="right")
     np.testing.assert_array_equal(particles.build_guide(shares), np.minimum(expected, 39))
 

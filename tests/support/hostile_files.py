@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from locplan._support.output import Output
-from locplan._support.runs import RunRecord, run_text, running
+from locplan._support.runs import RunRecord, format_run, running
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
 from locplan.comparison.journal import Journal
 from locplan.comparison.planners import PlannerSpec
@@ -247,7 +247,7 @@ def saved(folder: Path) -> None:
     plan(COSTS, *ends, planner=lambda *query: Route(query[1:])).write(folder / "plan.json")
     run = RunRecord("plan", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"}))
     with running(run):
-        text = run_text(folder, "choice", {"a.csv": "0" * 64})
+        text = format_run(folder, "choice", {"a.csv": "0" * 64})
     (folder / "run.yaml").write_text(text, encoding="utf-8")
 
 

@@ -1,7 +1,7 @@
-"""Drives through a world, or recorded ones, that a particle filter tracks on the map.
+"""A particle filter that tracks simulated or recorded drives on the map.
 
-At every pose of a drive the filter is asked `is_due`, and if it is, `advance` and `correct` follow;
-`estimate` gives its pose.
+At each pose of a drive at which `is_update_due`, `advance` moves the particles and `correct` weighs
+them. `estimate_pose` returns the filter's pose.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def start_filter(
 
 
 @njit(nogil=True, cache=True)
-def is_due(tracker: FilterState, reported: Floats, n: int, settings: FilterSettings) -> bool:
+def is_update_due(tracker: FilterState, reported: Floats, n: int, settings: FilterSettings) -> bool:
     """Whether odometry (n, 3) has come far enough since the last update."""
     last = tracker.state[UPDATED]
     dx, dy = reported[n, 0] - reported[last, 0], reported[n, 1] - reported[last, 1]
@@ -85,7 +85,7 @@ def advance(
 
 
 @njit(nogil=True, cache=True)
-def lost_share(averages: Floats, weight: float, settings: FilterSettings) -> float:
+def update_lost_share(averages: Floats, weight: float, settings: FilterSettings) -> float:
     """Take a mean weight into its slow and fast averages (2,), and return max(0, 1 - fast / slow).
 
     That is AMCL's share of random particles, which recover a filter whose weights have fallen.
@@ -113,7 +113,7 @@ def correct(
     state, weights = tracker.state, tracker.weights
     poses, new_poses = tracker.clouds[state[NOW]], tracker.clouds[1 - state[NOW]]
     weight = particles.weigh_particles(scores, ends, poses, state[COUNT], weights)
-    lost = lost_share(tracker.averages, weight, settings)
+    lost = update_lost_share(tracker.averages, weight, settings)
     state[UPDATED] = n
     state[UPDATES] += 1
     if state[UPDATES] % settings.resample_interval:
@@ -256,7 +256,7 @@ def drive(
     tracker = start_filter(random, truth[0], start, settings)
     ends, finer = np.empty((lidar.angles.size, 2)), world.resolution / scores.resolution
     for n in range(len(truth)):
-        due = is_due(tracker, reported, n, settings)
+        due = is_update_due(tracker, reported, n, settings)
         if due:
             advance(random, tracker, reported, n, settings)
         if due or n == 0:
@@ -305,7 +305,7 @@ def replay_filter(
     """
     tracker = start_filter(random, first, start, settings)
     for n in range(len(reported)):
-        due = is_due(tracker, reported, n, settings)
+        due = is_update_due(tracker, reported, n, settings)
         if due:
             advance(random, tracker, reported, n, settings)
         covariances[n] = np.nan

@@ -50,7 +50,7 @@ def lever(lidar: LidarBeams, heading: float, resolution: float) -> tuple[float, 
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def scan_ends(
+def write_scan_ends(
     squares: Octets,
     resolution: float,
     row: float,
@@ -100,7 +100,7 @@ def move_ends(
 ) -> None:
     """Move the ends of the beams outwards by ``noise[b, 0]`` [m] and ``noise[b, 1]`` of the range.
 
-    The arguments are those of `scan_ends`, which filled `ends`; `noise` is (beam, 2).
+    The arguments are those of `write_scan_ends`, which filled `ends`; `noise` is (beam, 2).
     """
     lever_x, lever_y = lever(lidar, heading, resolution)
     for b in range(lidar.angles.size):
@@ -140,7 +140,7 @@ def measure_ends(
     random : numpy.random.Generator
         Source of random numbers: two per beam, and three more.
     squares, resolution, lidar
-        The world and the lidar, as for `lidar.scan_ends`.
+        The world and the lidar, as for `lidar.write_scan_ends`.
     pose : (3,) array
         Row, column [cells] and heading [rad] of the robot.
     disturbances : BeamDisturbances
@@ -153,7 +153,7 @@ def measure_ends(
     near = LidarBeams(
         lidar.angles, lidar.forward, lidar.left, lidar.yaw, lidar.sigma, 0.0, lidar.max_range
     )
-    scan_ends(squares, resolution, row, col, heading, near, ends)
+    write_scan_ends(squares, resolution, row, col, heading, near, ends)
     lever_x, lever_y = lever(lidar, heading, resolution)
     min_range, reach = lidar.min_range / resolution, lidar.max_range / resolution
     occluded = random.random() < disturbances.occlusion

@@ -88,7 +88,9 @@ def distances_along_columns(walls: Octets, reach: int) -> Array:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def lay_out(walls: Octets, costs: Shorts, reach: int, margin: int, planes: Shorts) -> None:
+def write_cost_planes(
+    walls: Octets, costs: Shorts, reach: int, margin: int, planes: Shorts
+) -> None:
     """Write the costs around all walls into the planes, with the map `margin` cells inside.
 
     The planes are (row mod step, col mod step, row div step, col div step).

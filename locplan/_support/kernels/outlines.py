@@ -29,7 +29,7 @@ class CollisionMap(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def first_hit(sums: Ints, outline: Floats, poses: Floats) -> int:
+def find_first_hit(sums: Ints, outline: Floats, poses: Floats) -> int:
     """Index of the first move between poses on which the outline meets an occupied cell, or -1.
 
     Parameters

@@ -37,7 +37,7 @@ def build_guide(shares: Floats) -> Ints:
 
 
 @njit(nogil=True, cache=True)
-def first_above(value: float, shares: Floats, near: int) -> int:
+def find_first_above(value: float, shares: Floats, near: int) -> int:
     """Index of the first share above a value, or the last index, found from an index nearby."""
     at = near
     while at > 0 and shares[at - 1] > value:
@@ -340,7 +340,7 @@ def resample(
             heading = (2 * random.random() - 1) * np.pi
         else:
             share = random.random()
-            at = first_above(share * shares[-1], shares, guide[int(share * count)])
+            at = find_first_above(share * shares[-1], shares, guide[int(share * count)])
             x, y, heading = poses[0, at], poses[1, at], poses[2, at]
         new_poses[0, n_drawn], new_poses[1, n_drawn], new_poses[2, n_drawn] = x, y, heading
         before, bins = bins, insert_particle(histogram, bins, n_drawn, x, y, heading)

@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import N_DONE, STOP, Array, Floats, Ints, Octets, Words
-from locplan._support.kernels.lidar import LidarBeams, move_ends, scan_ends
+from locplan._support.kernels.lidar import LidarBeams, move_ends, write_scan_ends
 from locplan._support.kernels.likelihood import (
     FINE,
     GROUP,
@@ -117,7 +117,7 @@ def dilate(bits: Words, distance: int, guard: int, to: Words) -> None:
 
 
 @njit(nogil=True, cache=True)
-def central_mode(
+def find_central_mode(
     lattice: ScanLattice, costs: NDArray[np.uint32], excess: float, bits: Words
 ) -> Array:
     """Offsets of the central mode, one bit for each of `costs` in words of 64.
@@ -221,7 +221,7 @@ def compute_posterior(
     score_scan(field, lattice, row, col, ends, costs)
     words = costs.size // WORD + 2 * (lattice.plane // WORD + 2)
     excess = -np.log(CONNECTED) / weights.nats
-    mode = central_mode(lattice, costs, excess, np.empty((4, words), np.uint64))
+    mode = find_central_mode(lattice, costs, excess, np.empty((4, words), np.uint64))
     return compute_moments(lattice, weights, costs, mode, mean, covariance)
 
 
@@ -277,7 +277,7 @@ def scan_posteriors(
             break
         for m in range(headings.size):
             row, col = rows[n] + 0.5, cols[n] + 0.5
-            scan_ends(squares, resolution, row, col, headings[m], lidar, ends)
+            write_scan_ends(squares, resolution, row, col, headings[m], lidar, ends)
             move_ends(resolution, headings[m], lidar, noise, ends)
             cell, moments_here = (rows[n], cols[n]), (result.mean[n, m], result.covariance[n, m])
             result.entropy[n, m], result.ambiguity[n, m] = compute_posterior(

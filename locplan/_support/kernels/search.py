@@ -112,7 +112,7 @@ class SearchResult(NamedTuple):
     """False if there was no time left."""
 
 
-def bordered_half(density: Floats, border: int) -> Array:
+def make_bordered_half(density: Floats, border: int) -> Array:
     """Half the density with a blocked border of `border` cells, flat."""
     rows, columns = density.shape
     half = np.full((rows + 2 * border, columns + 2 * border), np.inf)
@@ -128,7 +128,7 @@ def shortest_costs(
     Parameters
     ----------
     half : (n,) array
-        Half the density, see `bordered_half`.
+        Half the density, see `make_bordered_half`.
     columns : int
         Number of columns of the bordered grid.
     start, goal : int

@@ -10,7 +10,7 @@ from locplan._support.kernels.rays import find_crossed_cells
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def passed_cells(origin: Floats, end: Floats, margin: float) -> tuple[Array, Array]:
+def list_passed_cells(origin: Floats, end: Floats, margin: float) -> tuple[Array, Array]:
     """Cells that a beam passes up to a margin before its end; none where it is shorter.
 
     Parameters
@@ -53,7 +53,7 @@ def count_scans(stops: Bools, origins: Floats, ends: Floats, margin: float) -> t
         for b in range(ends.shape[1]):
             if np.isnan(ends[n, b, 0]):
                 continue
-            beam_rows, beam_cols = passed_cells(origins[n], ends[n, b], margin)
+            beam_rows, beam_cols = list_passed_cells(origins[n], ends[n, b], margin)
             for k in range(len(beam_rows)):
                 row, col = beam_rows[k], beam_cols[k]
                 if not (0 <= row < rows and 0 <= col < cols):

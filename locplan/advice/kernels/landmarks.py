@@ -27,7 +27,7 @@ XX, XY, YY, XT, YT, TT, HITS = 0, 1, 2, 3, 4, 5, 6
 """Columns of the sums over the rays of a pose."""
 
 
-class Rays(NamedTuple):
+class RouteRays(NamedTuple):
     """The poses of the robot, and the rays at each."""
 
     poses: Floats  # (n, 2) the robot's centre [m]
@@ -41,7 +41,7 @@ class Rays(NamedTuple):
     swing: float  # a beam of range r tells 1 / (1 + swing r^2) of what a short one does [1 / m^2]
 
 
-class Surfaces(NamedTuple):
+class MapSurfaces(NamedTuple):
     """What rays meet on a map."""
 
     squares: Octets  # (4, H + 2, W + 2) as `rays.empty_squares`
@@ -49,7 +49,7 @@ class Surfaces(NamedTuple):
     resolution: float  # edge of a cell [m]
 
 
-class Outline(NamedTuple):
+class ObjectOutline(NamedTuple):
     """Outline of the objects: half the extents [m], or the radius of a disc twice."""
 
     half_length: float
@@ -58,7 +58,7 @@ class Outline(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cast_map_hits(surfaces: Surfaces, rays: Rays, hits: Singles) -> None:
+def cast_map_hits(surfaces: MapSurfaces, rays: RouteRays, hits: Singles) -> None:
     """Fill the hits (n, beams, 4) of all poses on a map."""
     for n in range(len(hits)):
         for b in range(rays.beams):
@@ -66,7 +66,7 @@ def cast_map_hits(surfaces: Surfaces, rays: Rays, hits: Singles) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _write_hit(surfaces: Surfaces, rays: Rays, n: int, b: int, hit: Singles) -> None:
+def _write_hit(surfaces: MapSurfaces, rays: RouteRays, n: int, b: int, hit: Singles) -> None:
     """Write the hit (4,) of a ray on a map."""
     squares, normals, resolution = surfaces
     x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
@@ -87,9 +87,9 @@ def _write_hit(surfaces: Surfaces, rays: Rays, n: int, b: int, hit: Singles) -> 
 
 @njit(inline="always")
 def _set_hit(
-    hit: Singles, rays: Rays, n: int, at: float, dx: float, dy: float, nx: float, ny: float
+    hit: Singles, rays: RouteRays, n: int, at: float, dx: float, dy: float, nx: float, ny: float
 ) -> None:
-    """Write a hit at a range in the direction (dx, dy), where the surface has a normal."""
+    """Write a hit at a range in the direction (dx, dy), with the surface's normal."""
     hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
     hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
     hit[TURN] = hx * ny - hy * nx
@@ -97,9 +97,9 @@ def _set_hit(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_entry(
-    outline: Outline, cos: float, sin: float, x: float, y: float, dx: float, dy: float
+    outline: ObjectOutline, cos: float, sin: float, x: float, y: float, dx: float, dy: float
 ) -> tuple[float, float, float]:
-    """Range at which a ray from (x, y) enters an object at the origin, and the normal there.
+    """Return the range of an object at the origin along a ray from (x, y), and its normal.
 
     The object's heading has this cosine and sine. The range is infinite where the ray misses it,
     or begins within it.
@@ -135,7 +135,9 @@ def find_entry(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_meeting_rays(rays: Rays, n: int, outline: Outline, x: float, y: float) -> tuple[int, int]:
+def find_meeting_rays(
+    rays: RouteRays, n: int, outline: ObjectOutline, x: float, y: float
+) -> tuple[int, int]:
     """First ray of a pose that may meet an object at (x, y), and how many follow it; or none."""
     reach = outline.half_length
     if not outline.is_round:
@@ -165,7 +167,13 @@ def find_meeting_rays(rays: Rays, n: int, outline: Outline, x: float, y: float) 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def add_object(
-    hits: Singles, rays: Rays, outline: Outline, x: float, y: float, heading: float, touched: Bools
+    hits: Singles,
+    rays: RouteRays,
+    outline: ObjectOutline,
+    x: float,
+    y: float,
+    heading: float,
+    touched: Bools,
 ) -> None:
     """Change the hits (n, beams, 4) as an object at (x, y) does, and mark the poses, (n,)."""
     cos, sin = np.cos(heading), np.sin(heading)
@@ -187,7 +195,7 @@ def add_object(
 
 
 @njit(inline="always")
-def _change(sums: Floats, hit: Singles, sign: float, rays: Rays) -> None:
+def _add_to_sums(sums: Floats, hit: Singles, sign: float, rays: RouteRays) -> None:
     """Add a hit to the sums of a pose, or take it away."""
     if rays.min_range <= hit[RANGE] < np.inf:
         sign /= 1 + rays.swing * np.float64(hit[RANGE]) ** 2
@@ -202,7 +210,7 @@ def _change(sums: Floats, hit: Singles, sign: float, rays: Rays) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def write_sums(hits: Singles, rays: Rays, touched: Bools, sums: Floats) -> None:
+def write_sums(hits: Singles, rays: RouteRays, touched: Bools, sums: Floats) -> None:
     """Write the weighted sums of g g^T over the rays of touched poses, and the hits, (n, 7)."""
     for n in range(hits.shape[0]):
         if not touched[n]:
@@ -210,20 +218,20 @@ def write_sums(hits: Singles, rays: Rays, touched: Bools, sums: Floats) -> None:
         for k in range(7):
             sums[n, k] = 0.0
         for b in range(hits.shape[1]):
-            _change(sums[n], hits[n, b], 1.0, rays)
+            _add_to_sums(sums[n], hits[n, b], 1.0, rays)
             if rays.min_range <= hits[n, b, RANGE] < np.inf:
                 sums[n, HITS] += 1
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def sum_hits(hits: Singles, rays: Rays) -> Floats:
+def sum_hits(hits: Singles, rays: RouteRays) -> Floats:
     """Weighted sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
     sums = np.zeros((hits.shape[0], 7))
     write_sums(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
     return sums
 
 
-class Sightings(NamedTuple):
+class ObjectSightings(NamedTuple):
     """The poses that see each object, in order, and their rays that meet it."""
 
     starts: Ints  # (m + 1,) where those of each object begin
@@ -233,7 +241,13 @@ class Sightings(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_seeing_rays(
-    hits: Singles, rays: Rays, n: int, outline: Outline, x: float, y: float, heading: float
+    hits: Singles,
+    rays: RouteRays,
+    n: int,
+    outline: ObjectOutline,
+    x: float,
+    y: float,
+    heading: float,
 ) -> tuple[int, int]:
     """First ray of a pose that an object at (x, y) shortens, and how many up to the last; or 0."""
     begin, count = find_meeting_rays(rays, n, outline, x, y)
@@ -258,9 +272,9 @@ def find_sightings(
     begin: int,
     end: int,
     hits: Singles,
-    rays: Rays,
-    outline: Outline,
-    sightings: Sightings,
+    rays: RouteRays,
+    outline: ObjectOutline,
+    sightings: ObjectSightings,
     counts: Ints,
 ) -> None:
     """Fill how many poses see each candidate x, y, heading from `begin` to `end`, (m,).
@@ -287,8 +301,8 @@ class LandmarkScene(NamedTuple):
 
     hits: Singles  # (n, beams, 4) on the map and the objects
     sums: Floats  # (n, 7), what `sums_of` makes of them
-    rays: Rays
-    outline: Outline
+    rays: RouteRays
+    outline: ObjectOutline
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -318,7 +332,7 @@ def write_object_sums(
         if at >= hits[n, b, RANGE] or at > rays.max_range:
             continue
         any_ray = True
-        _change(changed, hits[n, b], -1.0, rays)
+        _add_to_sums(changed, hits[n, b], -1.0, rays)
         _set_hit(new, rays, n, at, dx, dy, nx, ny)
-        _change(changed, new, 1.0, rays)
+        _add_to_sums(changed, new, 1.0, rays)
     return any_ray

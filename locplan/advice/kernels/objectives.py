@@ -22,12 +22,12 @@ from locplan.advice.kernels.landmarks import (
     YT,
     YY,
     LandmarkScene,
-    Sightings,
+    ObjectSightings,
     write_object_sums,
 )
 
 
-class Sensing(NamedTuple):
+class BeamSensing(NamedTuple):
     """How the sum over the rays becomes information: share * sum / (1 + other * hits).
 
     The hits are those on the map without objects: if those on objects counted, a search would
@@ -38,7 +38,7 @@ class Sensing(NamedTuple):
     hit_coefficient: float  # how far each further hit lessens the information of one
 
 
-class Motion(NamedTuple):
+class MotionNoise(NamedTuple):
     """Variances of the motion model per metre, and those at the start."""
 
     along: float  # [m^2 / m]
@@ -49,7 +49,7 @@ class Motion(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def update_covariance(p: Floats, sums: Floats, sensing: Sensing) -> None:
+def update_covariance(p: Floats, sums: Floats, sensing: BeamSensing) -> None:
     """Turn a covariance P (6,) [xx, xy, yy, xt, yt, tt] into (P^-1 + I)^-1, I of the sums (7,)."""
     share = sensing.share / (1 + sensing.hit_coefficient * max(sums[HITS], 0.0))
     _invert(p)
@@ -73,7 +73,7 @@ def _invert(m: Floats) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def move_covariance(p: Floats, dx: float, dy: float, motion: Motion) -> None:
+def move_covariance(p: Floats, dx: float, dy: float, motion: MotionNoise) -> None:
     """Turn a covariance P (6,) into F P F^T + Q ds, as the robot moves by (dx, dy)."""
     way = np.hypot(dx, dy)
     xt, yt, tt = p[XT], p[YT], p[TT]
@@ -93,7 +93,7 @@ def move_covariance(p: Floats, dx: float, dy: float, motion: Motion) -> None:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def compute_route_covariances(
-    sums: Floats, poses: Floats, routes: Ints, sensing: Sensing, motion: Motion
+    sums: Floats, poses: Floats, routes: Ints, sensing: BeamSensing, motion: MotionNoise
 ) -> tuple[Floats, Floats]:
     """Covariances (n, 6) before and after each look around, along routes.
 
@@ -102,7 +102,7 @@ def compute_route_covariances(
     before, after = np.zeros((len(sums), 6)), np.zeros((len(sums), 6))
     p = np.zeros(6)
     for r in range(routes.size - 1):
-        _begin(p, motion)
+        _set_start_covariance(p, motion)
         for n in range(routes[r], routes[r + 1]):
             if n > routes[r]:
                 move_covariance(
@@ -126,7 +126,7 @@ def _is_forgotten(p: Floats, other: Floats) -> bool:
 
 
 @njit(inline="always")
-def _begin(p: Floats, motion: Motion) -> None:
+def _set_start_covariance(p: Floats, motion: MotionNoise) -> None:
     for k in range(6):
         p[k] = 0.0
     p[XX] = p[YY] = motion.start
@@ -137,11 +137,11 @@ def _begin(p: Floats, motion: Motion) -> None:
 def compute_uncertainties(
     candidates: Floats,
     indices: Ints,
-    sightings: Sightings,
+    sightings: ObjectSightings,
     scene: LandmarkScene,
     routes: Ints,
-    sensing: Sensing,
-    motion: Motion,
+    sensing: BeamSensing,
+    motion: MotionNoise,
 ) -> Floats:
     """Mean of P_xx + P_yy over all poses with each of some candidates besides, (m,) [m^2].
 
@@ -183,10 +183,10 @@ def _sum_variances(
     value: float,
     place: tuple[float, float, float],
     stretch: tuple[int, int],
-    sightings: Sightings,
+    sightings: ObjectSightings,
     scene: LandmarkScene,
     routes: Ints,
-    models: tuple[Sensing, Motion],
+    models: tuple[BeamSensing, MotionNoise],
     base_covariances: tuple[Floats, Floats],
 ) -> float:
     """Sum `value` of P_xx + P_yy over all poses, with an object besides that is seen in a stretch.

@@ -15,7 +15,7 @@ from typing import Any
 
 from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedCliTokensError
 
-from locplan._support.checks import short_repr, suggestion
+from locplan._support.checks import short_repr, suggestion_text
 from locplan._support.files import protect_inputs
 from locplan._support.supervision import INTERRUPTED, end_if_supervised
 from locplan.app.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, run_tokens
@@ -133,7 +133,7 @@ def _describe_choices(error: CoercionError) -> str:
     name, value = error.token.keyword or error.argument.name, error.token.value
     if not choices:
         return ""
-    guess = suggestion(value, choices)
+    guess = suggestion_text(value, choices)
     return f"{name} must be one of {', '.join(choices)}, not {short_repr(value)}{guess}"
 
 

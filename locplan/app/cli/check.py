@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import locplan
-from locplan._support.progress import progress_bar
+from locplan._support.progress import show_progress_bar
 from locplan.app.cli.application import LIMIT_EXCEEDED, command
 from locplan.app.cli.arguments import InputFile, MapFile, make_parser
 from locplan.app.cli.groups import (
@@ -23,14 +23,14 @@ from locplan.app.cli.groups import (
 from locplan.errors import format_one_line
 
 if TYPE_CHECKING:
-    from locplan.advice.limits import Limit
+    from locplan.advice.limits import CheckLimit
 
 
-def parse_limit(_: str, text: str) -> Limit:
+def parse_limit(_: str, text: str) -> CheckLimit:
     """Return the limit for a text such as "lost > 5%"."""
     from locplan.advice import limits
 
-    return limits.Limit.parse(text)
+    return limits.CheckLimit.parse(text)
 
 
 Limits = Annotated[tuple[Any, ...], make_parser(parse_limit, "LIMIT", is_repeatable=True)]
@@ -82,7 +82,7 @@ def check(
         robot.check_recorded()
     recordings = [load_recording(file, grid, map_file) for file in recording]
     simulated = robot.load_recorded(recordings[0]) if recordings else robot.load()
-    with progress_bar("checking", "") as progress:
+    with show_progress_bar("checking", "") as progress:
         result = locplan.check(
             map_file,
             simulated,
@@ -92,7 +92,7 @@ def check(
             effort=effort,
             seed=seed,
             threads=threads,
-            found=_print_finding,
+            on_finding=_print_finding,
             progress=progress,
         )
     output.finish(result, output.output, robot.nav2_files())

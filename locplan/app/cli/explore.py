@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 import locplan
-from locplan._support.progress import working
+from locplan._support.progress import show_spinner
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     InputFile,
@@ -114,7 +114,7 @@ def explore(
         changes=zones_as_changes(load_zones(zones, grid)),
         report=report,
     )
-    with working("opening the page"):
+    with show_spinner("opening the page"):
         page = open_explorer(grid, opening, port=port)
     browse = "the page opens in your browser. If not, open the address above. Stop with Ctrl-C"
     if no_browser:

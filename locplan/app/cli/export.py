@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin,
 from cyclopts import Parameter
 
 import locplan
-from locplan._support.progress import working
-from locplan._support.public import field_docs
+from locplan._support.progress import show_spinner
+from locplan._support.public import read_field_docs
 from locplan.app.cli.application import command, format_default
 from locplan.app.cli.arguments import (
     INPUT,
@@ -67,7 +67,7 @@ def _option_types() -> list[tuple[str, Any, None]]:
     docs: dict[str, str] = {}
     for format in FORMATS.values():
         types |= get_type_hints(format.options)
-        docs |= field_docs(format.options)
+        docs |= read_field_docs(format.options)
     typed = []
     for name, field in _collect_options().items():
         words = [
@@ -169,7 +169,7 @@ def export(
     target = output.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
     format.check_target(target, force=output.force)
     job = make_job(field.compute(grid, config, threads))
-    with working(f"writing {target.name}"):
+    with show_spinner(f"writing {target.name}"):
         summary = format.export(
             target, dataclasses.replace(job, force=output.force), format_options
         )

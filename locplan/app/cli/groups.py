@@ -19,10 +19,10 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._support.checks import check_choice, check_threads, short_repr, suggestion
+from locplan._support.checks import check_choice, check_threads, short_repr, suggestion_text
 from locplan._support.files import protect_input
-from locplan._support.progress import progress_bar, working
-from locplan._support.runs import note_robot, take_written
+from locplan._support.progress import show_progress_bar, show_spinner
+from locplan._support.runs import note_robot, pop_written_lines
 from locplan.app.cli import arguments
 from locplan.app.cli.application import COMPUTATION, OUTPUT, ROBOT
 from locplan.app.cli.arguments import INPUT, INTEGER, Switch, make_validator
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from locplan._support.output import Results
+    from locplan._support.output import ResultFiles
     from locplan.field.config import FieldConfig
     from locplan.field.field import CovarianceField
     from locplan.maps.grid import OccupancyGrid
@@ -294,7 +294,7 @@ def read_recording(file: Path, *, needs_poses: bool = True) -> Recording:
     from locplan.recordings import files
 
     try:
-        with progress_bar(f"reading {file.name}", "messages") as progress:
+        with show_progress_bar(f"reading {file.name}", "messages") as progress:
             read = files.read_recording
             return read(file, needs_poses=needs_poses, progress=progress)
     except LocplanError as error:
@@ -311,11 +311,11 @@ def load_recording(file: Path, grid: OccupancyGrid, map_file: Path) -> Recording
     from locplan.recordings.smoothing import with_ground_truth
 
     recording = read_recording(file)
-    with working("comparing the scans with the map"):
+    with show_spinner("comparing the scans with the map"):
         check_place(recording, grid)
-    with progress_bar("smoothing", "") as progress:
+    with show_progress_bar("smoothing", "") as progress:
         recording = with_ground_truth(recording, grid, progress=progress)
-    with working("comparing the scans with the map"):
+    with show_spinner("comparing the scans with the map"):
         fit = fit_to_map(recording, grid)
     if not fit.fits:
         x, y, turn = fit.move
@@ -434,7 +434,7 @@ class FieldOptions:
                 )
             return field
         started = time.perf_counter()
-        with progress_bar(f"field of {grid.name}", "cells") as progress:
+        with show_progress_bar(f"field of {grid.name}", "cells") as progress:
             field = locplan.load_or_compute(
                 grid,
                 config,
@@ -465,7 +465,7 @@ def config_by_name(name: str, lidar: Lidar | None) -> FieldConfig:
         names = ", ".join([*ESTIMATORS, PAPER])
         raise ConfigError(
             f"--field must be one of {names}, or a file (.json or .npz), not {short_repr(name)}"
-            f"{suggestion(name, [*ESTIMATORS, PAPER])}"
+            f"{suggestion_text(name, [*ESTIMATORS, PAPER])}"
         )
     kind: Any = estimator_class(name)
     if kind.casts_rays:
@@ -514,7 +514,7 @@ class OutputOptions:
     json: Switch = False
     """Print the result as JSON."""
 
-    def check(self, files: Results, *further_names: str) -> None:
+    def check(self, files: ResultFiles, *further_names: str) -> None:
         """Raise a LocplanError if the files cannot be written; called before long computations."""
         if self.output:
             files.into(self.output, *further_names, force=self.force)
@@ -535,7 +535,7 @@ class OutputOptions:
         """
         files = None
         if self.output:
-            with working("writing the results"):
+            with show_spinner("writing the results"):
                 extra = details if saved_details is None else saved_details
                 files = result.save(self.output, *extra, force=self.force)
         self.show(result.summary(*details), result.report(*details), *files or [self.output])
@@ -543,6 +543,6 @@ class OutputOptions:
     def show(self, values: object, text: object, *files: Path | None) -> None:
         """Print a result as JSON or as text, and list the written files."""
         print(json_files.dumps(values, indent=2) if self.json else text)
-        lines = take_written() or [f"wrote {file}" for file in filter(None, files)]
+        lines = pop_written_lines() or [f"wrote {file}" for file in filter(None, files)]
         for line in lines:
             print(format_one_line(line), file=sys.stderr if self.json else sys.stdout)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import locplan
 from locplan._support.files import PICTURES, check_target
 from locplan._support.output import Output as Target
-from locplan._support.progress import progress_bar, working
+from locplan._support.progress import show_progress_bar, show_spinner
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import MapFile, Switch
 from locplan.app.cli.groups import OutputOptions, RobotOptions
@@ -76,7 +76,7 @@ def info(
     if described_robot.lidar:
         compared = [described_robot.lidar, *compared]
     if compared:
-        with progress_bar("lidars", "cells") as progress:
+        with show_progress_bar("lidars", "cells") as progress:
             shares = compare_lidars(
                 described.grid, [*dict.fromkeys(compared)], robot=described_robot, progress=progress
             )
@@ -84,7 +84,7 @@ def info(
         lines.append(str(compared_table))
         values["lidars"] = compared_table.records()
     if target and target.is_file:
-        with working("drawing"), target.writing() as new:
+        with show_spinner("drawing"), target.writing() as new:
             save_figure(info_figure(described), new)
     elif target:
         with target.writing(adds=True) as new:
@@ -162,7 +162,7 @@ def _describe_ambiguous_places(
     from locplan.recordings.ambiguous_places import find_ambiguous_places
 
     try:
-        with progress_bar("ambiguous places", "poses") as progress:
+        with show_progress_bar("ambiguous places", "poses") as progress:
             places = find_ambiguous_places(grid, robot, progress=progress)
     except ConfigError as error:  # the robot fits nowhere, or there is no wall
         return f"ambiguous places: unknown ({error})", None

@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import locplan
-from locplan._support.progress import progress_bar
+from locplan._support.progress import show_progress_bar
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     InputFile,
@@ -95,7 +95,7 @@ def landmarks(
     check_drives(drives, or_none=True)
     simulated, grid = robot.load_simulated(), locplan.load_map(map_file)
     output.check(Landmarks.files)
-    with progress_bar("placing landmarks", "objects") as progress:
+    with show_progress_bar("placing landmarks", "objects") as progress:
         result = locplan.place_landmarks(
             grid,
             kind,
@@ -109,7 +109,7 @@ def landmarks(
         )
     verification = None
     if drives:
-        with progress_bar("verifying", "drives") as progress:
+        with show_progress_bar("verifying", "drives") as progress:
             verification = verify_landmarks(
                 result, drives, seed=seed, threads=threads, progress=progress
             )

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._support.progress import progress_bar, working
+from locplan._support.progress import show_progress_bar, show_spinner
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     INTEGER,
@@ -96,11 +96,11 @@ def locate(
     grid = locplan.load_map(map_file)
     drive = read_recording(recording, needs_poses=False)
     scans = _select_scans(drive, scan, at, every or 1)
-    with working("simulating scans all over the map"):
+    with show_spinner("simulating scans all over the map"):
         database = ScanDatabase(grid, scans.lidar)
         _ = database.everywhere
         check_place(drive, grid, database=database)
-    with progress_bar("locating scans", "scans") as progress:
+    with show_progress_bar("locating scans", "scans") as progress:
         result = locate_drive(
             scans,
             grid,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 import locplan
-from locplan._support.progress import later_progress_bar, working
+from locplan._support.progress import show_later_progress_bar, show_spinner
 from locplan._support.runs import format_argument, get_command_line
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
@@ -174,7 +174,7 @@ def plan(
     grid = locplan.load_map(map_file)
     polygons = load_zones(zones, grid)
     settings = _import_settings()
-    with later_progress_bar("simulating the candidates", "drives") as progress:
+    with show_later_progress_bar("simulating the candidates", "drives") as progress:
         recommendation = locplan.recommend_path(
             grid,
             start,
@@ -288,7 +288,7 @@ def _find_front(
     output.check(locplan.ParetoFront.files)
     computed = field.compute(grid, config, threads)
     costs = locplan.Costmap.from_field(computed, robot=on_map, zones=zones)
-    with working("searching the front"):
+    with show_spinner("searching the front"):
         front = locplan.pareto_front(costs, start, goal, time_limit=FRONT_TIME)
     output.finish(front)
     if not output.json:

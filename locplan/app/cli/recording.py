@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import locplan
-from locplan._support.progress import progress_bar
+from locplan._support.progress import show_progress_bar
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     INPUT,
@@ -105,7 +105,7 @@ def recording(
         map_frame=map_frame or "map",
         base_frame=base_frame,
     )
-    with progress_bar(f"reading {file.name}", "messages") as progress:
+    with show_progress_bar(f"reading {file.name}", "messages") as progress:
         drive = read_recording(
             file,
             every=every,
@@ -117,7 +117,9 @@ def recording(
     if align:
         drive = drive.move(*align)
     grid = locplan.load_map(map_file) if map_file else None
-    with progress_bar("finding the ground truth" if grid else "comparing scans", "") as progress:
+    with show_progress_bar(
+        "finding the ground truth" if grid else "comparing scans", ""
+    ) as progress:
         report = study_recording(
             drive,
             grid,

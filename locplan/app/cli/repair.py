@@ -5,22 +5,22 @@ from __future__ import annotations
 from typing import Annotated
 
 import locplan
-from locplan._support.progress import progress_bar
+from locplan._support.progress import show_progress_bar
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import Count, MapFile, PairCount, show_default
 from locplan.app.cli.groups import SEED, OutputOptions, RobotOptions, Seed, Threads
 
 
 def _default_paths() -> int:
-    from locplan.advice.map_repair import PATHS
+    from locplan.advice.map_repair import N_PATHS
 
-    return PATHS
+    return N_PATHS
 
 
 def _default_drives() -> int:
-    from locplan.advice.map_repair import DRIVES
+    from locplan.advice.map_repair import N_DRIVES
 
-    return DRIVES
+    return N_DRIVES
 
 
 PathCount = Annotated[Count | None, show_default(_default_paths)]
@@ -52,18 +52,18 @@ def repair(
     drives
         Number of drives per path and map.
     """
-    from locplan.advice.map_repair import DRIVES, PATHS, RepairedMap, check_concerned
+    from locplan.advice.map_repair import N_DRIVES, N_PATHS, RepairedMap, check_repair_helps
     from locplan.maps.files import read_map
 
     output.check(RepairedMap.files)
-    check_concerned(robot.nav2_file("amcl"))
+    check_repair_helps(robot.nav2_file("amcl"))
     simulated, grid = robot.load(), locplan.load_map(map_file)
-    with progress_bar(f"repairing {grid.name}", "drives") as progress:
+    with show_progress_bar(f"repairing {grid.name}", "drives") as progress:
         result = locplan.repair(
             grid,
             simulated,
-            paths=paths or PATHS,
-            drives=drives or DRIVES,
+            paths=paths or N_PATHS,
+            drives=drives or N_DRIVES,
             source=read_map(map_file)[1],
             seed=seed,
             threads=threads,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import locplan
-from locplan._support.progress import progress_bar
+from locplan._support.progress import show_progress_bar
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     MapFiles,
@@ -163,7 +163,7 @@ def simulate(
         for grid in grids:
             costs = costmap(grid)
             queries = random_queries(costs, random, seed, min_distance=distance)
-            with progress_bar(f"simulating in {grid.name}", "drives") as progress:
+            with show_progress_bar(f"simulating in {grid.name}", "drives") as progress:
                 routes.append(
                     simulate_queries(
                         costs,
@@ -197,7 +197,7 @@ def simulate(
     closed_loop_settings = None
     if closed_loop:
         closed_loop_settings = ClosedLoopSettings(drives=closed_loop, replan=replan)
-    with progress_bar("simulating", "drives") as progress:
+    with show_progress_bar("simulating", "drives") as progress:
         result = simulations.simulate(
             grid,
             paths,
@@ -235,7 +235,7 @@ def _replay(
     ground_truth = load_recording(recording, grid, map_file)
     replayed = robot.load_recorded(ground_truth)
     robot.warn(replayed)
-    with progress_bar("replaying", "runs") as progress:
+    with show_progress_bar("replaying", "runs") as progress:
         result = replay(
             ground_truth,
             grid,

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._support.progress import progress_bar
+from locplan._support.progress import show_progress_bar
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import INTEGER, MapFiles, PairCount, reject_options, show_default
 from locplan.app.cli.groups import (
@@ -92,7 +92,7 @@ def tune(
     if not recording:
         grids = [locplan.load_map(file) for file in find_maps(*maps)]
         names = ", ".join(grid.name for grid in grids)
-        with progress_bar(f"tuning in {names}", "") as progress:
+        with show_progress_bar(f"tuning in {names}", "") as progress:
             result = tuning.tune(
                 grids,
                 robot.load(),
@@ -119,7 +119,7 @@ def tune(
             for file, grid, map_file in zip(recording, grids, map_files, strict=True)
         ]
         names = ", ".join(file.name for file in recording)
-        with progress_bar(f"tuning on {names}", "") as progress:
+        with show_progress_bar(f"tuning on {names}", "") as progress:
             result = tune_on_drive(
                 recordings,
                 grids,

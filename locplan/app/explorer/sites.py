@@ -15,7 +15,7 @@ import numpy as np
 
 from locplan._support.checks import MAX_RANGE, check_number
 from locplan._support.kernels.arrays import Octets
-from locplan.advice.landmark_objects import Pole, Shape, find_covered_cells
+from locplan.advice.landmark_objects import ObjectShape, Pole, find_covered_cells
 from locplan.errors import ConfigError
 from locplan.field.config import SHORT_LIDAR, FieldConfig, equip_robot
 from locplan.maps.grid import OccupancyGrid
@@ -102,8 +102,10 @@ def _draw_line(
     ends = np.column_stack(grid.world_to_grid(*np.array(points).T))
     for first, last in itertools.pairwise(ends if len(ends) > 1 else [*ends, *ends]):
         middle, along = (first + last) / 2, last - first
-        line = Shape(grid.resolution * float(np.hypot(*along)) / 2, 0.0, is_round=False)
-        window, distance = line.distances(grid, np.array([*middle, math.atan2(*along)]), half)
+        line = ObjectShape(grid.resolution * float(np.hypot(*along)) / 2, 0.0, is_round=False)
+        window, distance = line.compute_window_distances(
+            grid, np.array([*middle, math.atan2(*along)]), half
+        )
         cells[window][distance <= half + 1e-9] = level
 
 

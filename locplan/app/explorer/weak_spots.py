@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._support.kernels.arrays import Bools
-from locplan.advice.weak_spots import CLEAR, ROUND, WeakSpot, are_inside, find_weak_spots
+from locplan.advice.weak_spots import NO_HEADING, SCANS_FIT, WeakSpot, are_inside, find_weak_spots
 from locplan.planning.costmap import Costmap
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class NamedSpot:
         length, width = max(spot.length, spot.width), min(spot.length, spot.width)
         if not spot.rings:
             return "Drives fail here"
-        if missing == ROUND:
+        if missing == NO_HEADING:
             return f"Round place, {length:.0f} m"
         if missing.startswith("no features along"):
             corridor = "Long corridor" if length > LONG else "Corridor"
@@ -57,7 +57,7 @@ class NamedSpot:
             return f"{missing}."
         if "within" not in missing:
             missing += f" within {self.reach:g} m"
-        uncertain = "heading" if spot.missing == ROUND else "position"
+        uncertain = "heading" if spot.missing == NO_HEADING else "position"
         return f"{missing}: a scan leaves the {uncertain} uncertain by {spot.deviation}."
 
     @property
@@ -113,7 +113,7 @@ def _with_outline(facts: dict[str, Any], spots: Sequence[WeakSpot]) -> WeakSpot:
     }
     values |= {"routes": tuple(facts["routes"]), "outline": np.zeros((0, 2))}
     spot, spot_xy = WeakSpot(**values), np.array([[facts["x"], facts["y"]]])
-    if spot.missing == CLEAR:
+    if spot.missing == SCANS_FIT:
         return spot
     around = next((other for other in spots if are_inside(other, spot_xy)[0]), spot)
     return dataclasses.replace(spot, outline=around.outline, holes=around.holes)

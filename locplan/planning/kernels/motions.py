@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints, Numbers
-from locplan._support.kernels.outlines import CollisionMap, first_hit
+from locplan._support.kernels.outlines import CollisionMap, find_first_hit
 from locplan._support.kernels.rays import TOUCH, segment_cost
 from locplan.planning.kernels import curves
 from locplan.planning.kernels.curves import QUARTER, STRAIGHT, TURN
@@ -223,7 +223,7 @@ def world_cost(
         for pose in poses:  # on the grid without its border
             pose[0] -= 1.0
             pose[1] -= 1.0
-        if first_hit(body.sums, body.outline, poses) >= 0:
+        if find_first_hit(body.sums, body.outline, poses) >= 0:
             return blocked
     # After rounding, too, no motion costs less than its length.
     return max(cost, (1 + 1e-14) * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked

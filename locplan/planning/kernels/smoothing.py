@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Bools, Floats, Numbers
-from locplan._support.kernels.outlines import CollisionMap, first_hit
+from locplan._support.kernels.outlines import CollisionMap, find_first_hit
 from locplan._support.kernels.rays import segment_cost
 from locplan.planning.kernels import curves
 from locplan.planning.kernels.motions import (
@@ -116,7 +116,7 @@ def is_curve_clear(drive: MotionModel, body: CollisionMap, start: Numbers, end: 
     for pose in poses:
         pose[0] -= 1
         pose[1] -= 1
-    return first_hit(body.sums, body.outline, poses) < 0
+    return find_first_hit(body.sums, body.outline, poses) < 0
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

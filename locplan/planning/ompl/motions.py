@@ -179,7 +179,7 @@ class Motions:
     @cached_property
     def arguments(self) -> tuple[Any, ...]:
         """The kernels' arguments: the bordered grid, the kind and radius of curves, the frame."""
-        from locplan._support.kernels.search import bordered_half
+        from locplan._support.kernels.search import make_bordered_half
         from locplan.planning.kernels.curves import DUBINS, REEDS_SHEPP, STRAIGHT
 
         grid = self.costs.grid
@@ -190,7 +190,7 @@ class Motions:
         radius = (self.turning_radius or grid.resolution) / grid.resolution
         # Without a heading the merged cost counts.
         density = self.costs.density[None] if self.space == "R2" else self.costs.density_of_heading
-        half = np.array([bordered_half(layer, 1) for layer in density])
+        half = np.array([make_bordered_half(layer, 1) for layer in density])
         return half, grid.shape[1] + 2, kind, radius, frame
 
 

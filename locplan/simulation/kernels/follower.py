@@ -23,7 +23,7 @@ from locplan._support.kernels.drives import (
     advance,
     correct,
     estimate_pose,
-    is_due,
+    is_update_due,
 )
 from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
 from locplan._support.kernels.particles import BeamScores, FilterSettings
@@ -254,7 +254,7 @@ def follow(
             for axis in range(3):
                 trace.believed[n, axis] = trace.truth[n, axis]
         else:
-            due = is_due(tracker, trace.reported, n, settings)
+            due = is_update_due(tracker, trace.reported, n, settings)
             if due:
                 advance(sensing, tracker, trace.reported, n, settings)
             if due or n == 0:

@@ -74,7 +74,7 @@ def line_costs(density, resolution, origin, xy, pairs):
     return [line_cost(density, resolution, origin, xy[i], xy[j]) for i, j in pairs]
 
 
-def passed_cells(origin, end, margin):
+def list_passed_cells(origin, end, margin):
     """Cells of a beam up to a margin before its end, as `cells_along` has them."""
     origin, end = np.asarray(origin), np.asarray(end)
     length = np.hypot(*(end - origin))
@@ -89,7 +89,7 @@ def count_scans(stops, origins, ends, margin):
     for origin, scan in zip(origins, ends, strict=True):
         on_way, at_end = set(), set()
         for end in scan[~np.isnan(scan[:, 0])]:
-            way = [each for each in passed_cells(origin, end, margin) if _on(stops, each)]
+            way = [each for each in list_passed_cells(origin, end, margin) if _on(stops, each)]
             stopped = [n for n, each in enumerate(way) if stops[each]]
             on_way |= {*way[: stopped[0] if stopped else None]}
             last = tuple(np.floor(end).astype(int).tolist())

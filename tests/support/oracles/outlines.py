@@ -40,7 +40,7 @@ def swept_parts(outline, poses):
             yield n, np.array(corners)
 
 
-def first_hit(occupied, outline, poses):
+def find_first_hit(occupied, outline, poses):
     """Index of the first move between poses that meets an occupied cell, or -1."""
     cells = np.argwhere(occupied)
     for n, corners in swept_parts(outline, poses):

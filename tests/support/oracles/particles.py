@@ -137,7 +137,7 @@ def kld_sample_size(bins, amcl):
     return min(max(math.ceil(n), amcl.min_particles), amcl.max_particles)
 
 
-def lost_share(averages, weight, amcl):
+def update_lost_share(averages, weight, amcl):
     """AMCL's share of random particles, after both averages have taken the mean weight."""
     if weight > 0:
         for n, alpha in enumerate((amcl.recovery_alpha_slow, amcl.recovery_alpha_fast)):
@@ -256,7 +256,7 @@ def drive(random, truth, cells, world, resolution, robot, angles, own=None, log=
                 world_random, world, resolution, sensed, sensor, angles, disturbances
             )
             scaled = weights_of(cells, resolution, ends, poses, weights, amcl, sensor.range)
-            lost = lost_share(averages, scaled.mean(), amcl)
+            lost = update_lost_share(averages, scaled.mean(), amcl)
             weights = scaled / scaled.sum()
             last, updates = n, updates + 1
             if updates % amcl.resample_interval == 0:

@@ -54,7 +54,7 @@ def recorded_posteriors(levels, cells, ends, step, half_steps, angles, cost, sha
     found = []
     for (row, col), scan in zip(cells, ends, strict=True):
         losses = score(levels, row, col, scan, step, half_steps, angles, cost)
-        mode = central_mode(losses * share, excess)
+        mode = find_central_mode(losses * share, excess)
         mean, covariance, entropy, ambiguity = moments(losses * share, mode)
         k, j, i = np.unravel_index(np.argmin(losses), losses.shape)
         best = (i - half_steps, j - half_steps, k - len(angles) // 2)
@@ -78,7 +78,7 @@ def moments(losses, mode):
     return mean, covariance, entropy, math.fsum(weights[~mode.ravel()])
 
 
-def central_mode(losses, excess):
+def find_central_mode(losses, excess):
     """Offsets reached from zero by steps to 26 neighbours, and their neighbours, (theta, dy, dx).
 
     A step starts from what loses at most `excess` more than zero does.
