@@ -43,7 +43,7 @@ def test_the_verdict_is_that_of_drives_with_each_map(mended):
 def test_a_map_without_faults_is_not_driven_in(tmp_path):
     found = repair(ROOM)
     assert (found.n_changed, found.verdicts) == (0, ())
-    assert "nothing to mend" in found.report()
+    assert "Nothing to repair" in found.report()
     found.save(tmp_path / "room")
     assert not (tmp_path / "room" / "map_amcl.yaml").exists()
 
@@ -92,7 +92,7 @@ def test_the_filters_that_are_concerned_are_named_and_a_beam_model_is_not(mended
     beam = tmp_path / "beam.yaml"
     beam.write_text(yaml.safe_dump({"amcl": {"ros__parameters": {"laser_model_type": "beam"}}}))
     words = "repair", tmp_path / "blocks.yaml", "--robot", beam, "--lidar", "turtlebot3"
-    assert "not concerned" in check_refusal(run(*words))
+    assert "needs no repaired map" in check_refusal(run(*words))
 
 
 def test_wrong_numbers_are_refused(tmp_path, run):
@@ -172,7 +172,7 @@ def test_unknown_that_is_read_as_free_is_mended_and_where_none_can_drive_it_is_s
     pixels[6:10, 6:10] = 254
     lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.25")
     code, out, _ = run("repair", lab)
-    assert (code, "no wall is another" in out) == (0, True)
+    assert (code, "The walls are unchanged" in out) == (0, True)
     assert "no verdict by drives: lab: has no cell where the robot fits" in out
     found = repair(*read_map(lab)[:1], source=read_map(lab)[1])
     assert np.array_equal(found.filter_map.cells == FREE, pixels[::-1] == 254)
