@@ -37,11 +37,11 @@ from locplan.maps.figures import (
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.figures import (
-    along_norm,
-    draw_along_bar,
     draw_coloured_line,
     draw_ends,
     draw_path,
+    draw_path_colour_bar,
+    make_path_norm,
 )
 from locplan.simulation.drives import LOST, OFF_SHORT, Drives
 from locplan.simulation.figures import (
@@ -379,7 +379,7 @@ def _draw_maps(
     """Draw the map without and with landmarks, and the routes over both."""
     drive_profiles = [[drives.profile() for drives in pair] for pair in profiles]
     errors = [profile[:, 4] for pair in drive_profiles for profile in pair] or [np.ones(1)]
-    norm = along_norm(np.concatenate(errors), of_errors=True)
+    norm = make_path_norm(np.concatenate(errors), of_errors=True)
     image = None
     for n, (map_axes, grid) in enumerate(zip(axes, grids, strict=True)):
         draw_map(map_axes, grid)
@@ -394,7 +394,7 @@ def _draw_maps(
                 draw_path(map_axes, path, color="black", linewidth=1.5)
             draw_ends(map_axes, path.xy[0], path.xy[-1])
     if image is not None:
-        draw_along_bar(figure, image, list(axes))
+        draw_path_colour_bar(figure, image, list(axes))
     shapes = [place_outline(landmarks.setting.kind.shape, pose) for pose in landmarks.poses]
     faces = PolyCollection(shapes, facecolor=style.VERMILION, edgecolor="black", zorder=4)
     axes[1].add_collection(faces)

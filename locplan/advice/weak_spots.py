@@ -18,7 +18,7 @@ from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.costmap import Costmap, check_costs
-from locplan.planning.grid import connected_parts
+from locplan.planning.grid import label_connected_parts
 from locplan.planning.path import Path
 
 QUARTERS = 4
@@ -520,7 +520,7 @@ def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
     """
     import cv2
 
-    _, labels = connected_parts(costs)
+    _, labels = label_connected_parts(costs)
     if lines:
         rows, cols = (
             np.clip(np.floor(coordinates).astype(int), 0, size - 1)

@@ -27,7 +27,7 @@ from locplan.maps.figures import (
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones
 from locplan.planning.costmap import Costmap
-from locplan.planning.metrics import costs_caption
+from locplan.planning.metrics import format_costs_caption
 
 
 def save_preview(folder: Path, figure: Figure, dpi: int = PREVIEW_DPI) -> None:
@@ -119,5 +119,5 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     size = np.clip(2 * line_width, 0.8, 3.6)
     axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
     figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)
-    axes.set_title(f"{title}{costs_caption(costs)}", fontsize="medium")
+    axes.set_title(f"{title}{format_costs_caption(costs)}", fontsize="medium")
     return figure

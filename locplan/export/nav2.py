@@ -46,7 +46,7 @@ from locplan.export.servers import LifecycleNode, write_servers
 from locplan.export.values import compute_speed_mask, unturn, write_values
 from locplan.maps.zones import FILE as ZONES, Zones
 from locplan.planning.costmap import Costmap, summarize_costs
-from locplan.planning.metrics import costs_caption
+from locplan.planning.metrics import format_costs_caption
 from locplan.planning.path import Path as Route
 from locplan.robots.parameters import Nav2Parameters
 
@@ -346,7 +346,7 @@ def _write_mask(
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
-        above = f"{grid.name or 'map'}: {title}{costs_caption(costs)}"
+        above = f"{grid.name or 'map'}: {title}{format_costs_caption(costs)}"
         figure = _figures.values_figure(grid, values, label, above, is_speed, unturned.zones)
         _figures.save_preview(temporary, figure, dpi=90)
 

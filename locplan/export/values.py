@@ -20,7 +20,7 @@ from locplan.export.registry import check_has_field, export_folder
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones
 from locplan.planning.costmap import Costmap, summarize_costs
-from locplan.planning.metrics import costs_caption
+from locplan.planning.metrics import format_costs_caption
 
 
 class YawWarning(UserWarning):
@@ -148,6 +148,6 @@ def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
         folder, "ros-map.md", metadata, force, purposes=purposes, map=name
     ) as temporary:
         write_values(temporary / "raw", values, grid)
-        title = f"{grid.name or 'map'}: as it is published{costs_caption(costs)}"
+        title = f"{grid.name or 'map'}: as it is published{format_costs_caption(costs)}"
         figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)
         _figures.save_preview(temporary, figure, dpi=90)

@@ -22,8 +22,8 @@ from locplan.planning.grid import (
     cells_from_flat,
     drop_repeated_positions,
     find_cheapest_cells,
-    straight_line,
-    turning_centres,
+    find_straight_line,
+    find_turning_centres,
 )
 from locplan.planning.metrics import path_cost
 from locplan.planning.path import Path
@@ -101,7 +101,7 @@ class AnyAngle:
             return PlannerResult(status="unreachable")
         wider = None
         if self.accuracy == "high":
-            wider = _cells_of_32_moves(costs, start, goal, cutting)
+            wider = _find_cells_over_32_moves(costs, start, goal, cutting)
         return PlannerResult(any_angle_path(costs, bordered, cells, start, goal, cutting, wider))
 
 
@@ -131,8 +131,8 @@ def any_angle_path(
     wider : (m, 2) array, optional
         Cells to straighten in place of those, if they were searched over more moves.
     """
-    candidates = [_without_end_centres(costs, cells, start, goal)]
-    if (line := straight_line(costs, start, goal, allow_corner_cutting)) is not None:
+    candidates = [_drop_end_centres(costs, cells, start, goal)]
+    if (line := find_straight_line(costs, start, goal, allow_corner_cutting)) is not None:
         candidates.append(line)
     ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
     inner = (cells if wider is None else wider) + 0.5
@@ -143,9 +143,9 @@ def any_angle_path(
     return best
 
 
-def _without_end_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
+def _drop_end_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
     """Return the path over cells, without the centres of its end cells if that costs no more."""
-    xy = np.vstack([start, turning_centres(costs, cells), goal])
+    xy = np.vstack([start, find_turning_centres(costs, cells), goal])
     for end, between, far in ((0, 1, 2), (-1, -2, -3)):
         if len(xy) > 2:
             direct, around = Path(xy[[end, far]]), Path(xy[[end, between, far]])
@@ -202,7 +202,7 @@ def subdivide(positions: Floats, spacing: float) -> Floats:
     return np.vstack([positions[:1], inner])
 
 
-def _cells_of_32_moves(
+def _find_cells_over_32_moves(
     costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool
 ) -> Ints | None:
     """Return the cheapest cells over 32 moves; None without a path or if costs differ too much."""
@@ -211,12 +211,12 @@ def _cells_of_32_moves(
 
     columns = costs.grid.shape[1] + 2 * REACH
     half, ends = make_bordered_half(costs.density, REACH), bordered_ends(costs, start, goal, REACH)
-    flat = cheapest_moves(half, *ends, _moves(columns, allow_corner_cutting))
+    flat = cheapest_moves(half, *ends, _make_straight_moves(columns, allow_corner_cutting))
     return cells_from_flat(flat, columns, REACH) if flat.size else None
 
 
 @cache
-def _moves(columns: int, allow_corner_cutting: bool) -> Any:
+def _make_straight_moves(columns: int, allow_corner_cutting: bool) -> Any:
     """Return the 32 moves, `locplan.planning.kernels.any_angle.StraightMoves`."""
     from locplan._support.kernels.rays import find_crossed_cells
     from locplan.planning.kernels.any_angle import StraightMoves

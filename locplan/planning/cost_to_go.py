@@ -87,7 +87,7 @@ class CostToGo:
             If the start lies outside the map or in a blocked cell.
         """
         cells = self.cells(start)
-        return None if cells is None else self._path_over(cells, start)
+        return None if cells is None else self._path_from_cells(cells, start)
 
     def plan(self, start: Position) -> Plan:
         """Return the path and its metrics, as `locplan.plan` gives them with the grid planner.
@@ -111,12 +111,12 @@ class CostToGo:
         cells, planner_result = self.cells(start), PlannerResult(status="unreachable")
         if cells is not None:
             note = unfit_note("grid", self.costs.robot)
-            planner_result = PlannerResult(self._path_over(cells, start), note=note)
+            planner_result = PlannerResult(self._path_from_cells(cells, start), note=note)
         return make_plan(
             "grid", self.costs, start, self.goal, planner_result, time.perf_counter() - began
         )
 
-    def _path_over(self, cells: Ints, start: Position) -> Path:
+    def _path_from_cells(self, cells: Ints, start: Position) -> Path:
         """Return the path over cells (n, 2) from a start."""
         return grid_path(self.costs, cells, start, self.goal, self.allow_corner_cutting)
 
@@ -203,7 +203,7 @@ class PlacePair:
     """Length of the shortest path on the grid [m]."""
 
 
-def farthest_pairs(
+def find_farthest_pairs(
     grid: OccupancyGrid,
     room_of_cell: Array,
     room: int,
@@ -232,7 +232,7 @@ def farthest_pairs(
     part : (H, W) array of bool, optional
         The part of the room that places lie in; paths between them may leave it.
     """
-    coarse_room = _Room(grid, room_of_cell, room, part)
+    coarse_room = _CoarseRoom(grid, room_of_cell, room, part)
     place_cells = [coarse_room.farthest(coarse_room.distance(coarse_room.deepest))]
     distances = [coarse_room.distance(place_cells[0])]
     while len(place_cells) < len(names):
@@ -257,7 +257,7 @@ def farthest_pairs(
     return pairs
 
 
-class _Room:
+class _CoarseRoom:
     """A room on a grid that is coarse enough to measure distances on quickly.
 
     Its cells are counted row by row; a coarse cell is free if any of its cells is in the room.
@@ -299,11 +299,11 @@ class _Room:
         edge = grid.resolution * factor
         self._costs = Costmap.blank(OccupancyGrid(cells, edge), robot=0.0)
         # A place keeps half a metre from all that the robot must not touch, where the room allows.
-        suits = free if part is None else free & self._lies_in(part)
+        suits = free if part is None else free & self._mark_part(part)
         self._clear = suits & (self._depth >= min(float(np.median(self._depth[suits])), 0.5))
         self.deepest = int(np.where(suits, self._depth, -1.0).argmax())
 
-    def _lies_in(self, part: Bools) -> Bools:
+    def _mark_part(self, part: Bools) -> Bools:
         """Mark the coarse cells whose deepest cell lies in a part of the map, flat."""
         coarse_rows, coarse_cols = np.indices(self._place.shape)
         deep_rows, deep_cols = np.divmod(self._place, self._factor)

@@ -33,7 +33,7 @@ from locplan.planning.layers import (
     copy_layer,
     degeneracy,
     make_readonly,
-    whole_robot,
+    robot_or_none,
     with_zones,
 )
 from locplan.robots.robot import Robot, planning_radius
@@ -46,7 +46,7 @@ CellWindow = tuple[slice, slice]
 """Rows and columns of a map."""
 
 
-def changed_window(
+def find_changed_window(
     before: OccupancyGrid, field: CovarianceField, robot_radius: float
 ) -> CellWindow | None:
     """Return the window of cells whose costs an edit of the map may change; None without changes.
@@ -207,7 +207,7 @@ class Costmap(CostLayers, StoredObject):
             e=make_readonly(e),
             of_heading=HeadingLayers.from_field(field, settings),
             settings=settings,
-            robot=whole_robot(robot),
+            robot=robot_or_none(robot),
             zones=zones,
         )
 
@@ -266,7 +266,7 @@ class Costmap(CostLayers, StoredObject):
         zones, radius, robot_model = (
             normalize_zones(zones),
             planning_radius(robot),
-            whole_robot(robot),
+            robot_or_none(robot),
         )
         density = block_near_walls(
             with_zones(compute_density(of_u, weight), grid, zones), grid, radius
@@ -317,7 +317,7 @@ class Costmap(CostLayers, StoredObject):
         zones = normalize_zones(zones)
         values = block_near_walls(with_zones(values, grid, zones), grid, planning_radius(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
-        radius, robot_model = planning_radius(robot), whole_robot(robot)
+        radius, robot_model = planning_radius(robot), robot_or_none(robot)
         return cls(
             grid, values, math.nan, radius, u=nothing, e=nothing, robot=robot_model, zones=zones
         )
@@ -399,7 +399,7 @@ class Costmap(CostLayers, StoredObject):
         grid, settings = field.grid, self.settings
         if settings is None or settings.config != field.config:
             raise ConfigError("a costmap is updated by a field of its own config only")
-        window = join_windows(window, changed_window(self.grid, field, self.robot_radius))
+        window = join_windows(window, find_changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.lacking.any():
             costs = self._remake(field, settings, self.zones)
             return dataclasses.replace(costs, robot=self.robot)
@@ -464,7 +464,7 @@ class Costmap(CostLayers, StoredObject):
                 f" {radius:g} m; make another one instead"
             )
         density = block_near_walls(self.density, self.grid, radius)
-        robot_model = whole_robot(robot) or self.robot
+        robot_model = robot_or_none(robot) or self.robot
         return dataclasses.replace(self, density=density, robot_radius=radius, robot=robot_model)
 
     def figure(self) -> Figure:

@@ -54,7 +54,7 @@ from locplan.maps.figures import (
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
-from locplan.planning.metrics import compute_profile, costs_caption
+from locplan.planning.metrics import compute_profile, format_costs_caption
 from locplan.planning.path import Path
 from locplan.planning.results import Plan
 from locplan.robots.parts import Footprint
@@ -211,7 +211,7 @@ def _draw_marker(
     )
 
 
-def along_norm(values: Floats, *, of_errors: bool = False) -> LogNorm:
+def make_path_norm(values: Floats, *, of_errors: bool = False) -> LogNorm:
     """Return the logarithmic colour scale for values that are drawn along paths.
 
     Parameters
@@ -272,7 +272,7 @@ def draw_coloured_line(
     return lines
 
 
-def draw_along_bar(
+def draw_path_colour_bar(
     figure: Any, lines: Any, axes: Any, label: str = "mean position error [m]", shrink: float = 0.9
 ) -> None:
     """Draw the colour bar of coloured lines, with plain numbers.
@@ -313,7 +313,7 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
             axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow)
 
 
-def end_handles() -> list[Line2D]:
+def list_end_handles() -> list[Line2D]:
     """Return the legend's entries of start and goal, as `draw_ends` draws them.
 
     Returns
@@ -321,10 +321,10 @@ def end_handles() -> list[Line2D]:
     list of matplotlib.lines.Line2D
         The two handles, labelled "start" and "goal".
     """
-    return [_marker_handle("o", "start"), _marker_handle("*", "goal", size=10)]
+    return [_make_marker_handle("o", "start"), _make_marker_handle("*", "goal", size=10)]
 
 
-def _marker_handle(marker: str, label: str, size: float | None = None) -> Line2D:
+def _make_marker_handle(marker: str, label: str, size: float | None = None) -> Line2D:
     """Return a legend's entry of a marker that `_draw_marker` draws."""
     return Line2D(
         [],
@@ -421,7 +421,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         for (label, plan, path), style in zip(solved, PATH_STYLES, strict=False)
     ]
     paths = [path for plan in plans.values() for path in _collect_shown_paths(plan)]
-    figure, upper, lower, part = _map_and_plot(costs.grid, paths, 2.2)
+    figure, upper, lower, part = _make_map_and_plot(costs.grid, paths, 2.2)
     config = field.config
     of_field = costs.settings is not None and costs.settings.config == config
     plain = config.headings == 1 and config.estimator.criterion == "e"
@@ -464,7 +464,7 @@ class StyledPath(NamedTuple):
     style: LineStyle
 
 
-def _map_and_plot(
+def _make_map_and_plot(
     grid: OccupancyGrid, paths: Sequence[Path], height: float
 ) -> tuple[Picture, Axes, Axes, OccupancyGrid]:
     """Make a figure with Axes for a map and, below, for a plot of some height [inch].
@@ -558,9 +558,9 @@ def _list_plan_handles(
         for label, plan in plans.items()
         if plan.path is None
     ]
-    handles += end_handles()
+    handles += list_end_handles()
     if any(plan.via for plan in plans.values()):
-        handles.append(_marker_handle("s", "waypoint"))
+        handles.append(_make_marker_handle("s", "waypoint"))
     return handles
 
 
@@ -692,7 +692,7 @@ def front_figure(front: ParetoFront) -> Figure:
     grid = front.costs.grid
     ends = front.plan(0), front.plan(len(front) - 1)
     paths = [path for plan in ends for path in _collect_shown_paths(plan)]
-    figure, upper, lower, part = _map_and_plot(grid, paths, 3.0)
+    figure, upper, lower, part = _make_map_and_plot(grid, paths, 3.0)
     draw_map(upper, part)
     draw_inset(upper, grid, part, paths)
     low, high = front.length[[0, -1]]
@@ -713,7 +713,7 @@ def front_figure(front: ParetoFront) -> Figure:
     title = f"{name}: {len(indices)} of {len(front)} paths, front {epsilon}"
     if len(front) == 1:
         title = f"{name}: one path, no other is less degenerate; front {epsilon}"
-    upper.set_title(f"{title}{costs_caption(front.costs)}", fontsize="medium")
+    upper.set_title(f"{title}{format_costs_caption(front.costs)}", fontsize="medium")
     unit = "m" if front.objective == "u" else f"{front.costs.e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
     image = lower.scatter(

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 def grid_path(
     costs: Costmap, cells: Ints, start: Position, goal: Position, allow_corner_cutting: bool = False
 ) -> Path:
-    """Return the path over the centres of cells (n, 2), or the `straight_line` if it costs less."""
+    """Return the path over the centres of cells (n, 2), or the straight line if it costs less."""
     path = path_through_centres(costs, cells, start, goal)
-    line = straight_line(costs, start, goal, allow_corner_cutting)
+    line = find_straight_line(costs, start, goal, allow_corner_cutting)
     return path if line is None or path_cost(costs, path) < path_cost(costs, line) else line
 
 
-def straight_line(
+def find_straight_line(
     costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool = False
 ) -> Path | None:
     """Return the line from start to goal, which counts as a grid path as paths over centres do.
@@ -64,10 +64,12 @@ def path_through_centres(costs: Costmap, cells: Ints, start: Position, goal: Pos
 
     Without cells it is the straight line.
     """
-    return drop_repeated_positions(costs, np.vstack([start, turning_centres(costs, cells), goal]))
+    return drop_repeated_positions(
+        costs, np.vstack([start, find_turning_centres(costs, cells), goal])
+    )
 
 
-def turning_centres(costs: Costmap, cells: Ints) -> Floats:
+def find_turning_centres(costs: Costmap, cells: Ints) -> Floats:
     """Return the centres (k, 2) of the first and last cell, and of the cells at turns."""
     direction = np.diff(cells, axis=0)
     turns = np.any(direction[1:] != direction[:-1], axis=1)
@@ -242,7 +244,7 @@ def find_cheapest_cells(
     return cells_from_flat(flat, columns), expanded
 
 
-def connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
+def label_connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
     """Find the connected parts of a costmap's free cells, without cutting corners.
 
     Parameters
@@ -286,7 +288,7 @@ def iterate_bands(rows: int, cols: int, overlap: int) -> Iterator[tuple[slice, s
 
 
 def find_map_parts(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Array]:
-    """Find the parts of a map that a robot can reach, as `connected_parts` does, in little memory.
+    """Find the connected parts of a map that a robot can reach, in little memory.
 
     Parameters
     ----------

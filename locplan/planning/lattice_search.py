@@ -71,10 +71,12 @@ class Primitive:
 
 def compute_heading_angles(headings: int) -> Floats:
     """Return the headings of a lattice, rising from 0 [rad]."""
-    return np.array([math.atan2(row, col) % (2 * math.pi) for col, row in _directions(headings)])
+    return np.array(
+        [math.atan2(row, col) % (2 * math.pi) for col, row in _list_directions(headings)]
+    )
 
 
-def _directions(headings: int) -> list[tuple[int, int]]:
+def _list_directions(headings: int) -> list[tuple[int, int]]:
     """Return the direction (columns, rows) of each heading."""
     quarter, directions = DIRECTIONS[headings], []
     for turns in range(4):
@@ -102,14 +104,14 @@ def make_primitives(
     span : int, default 1
         Number of headings, at least 1, that a turn may pass to either side.
     """
-    directions, angles = _directions(headings), compute_heading_angles(headings)
+    directions, angles = _list_directions(headings), compute_heading_angles(headings)
     motion_primitives = []
     for source, ahead in enumerate(directions):
         start, angle = (0.0, 0.0, angles[source]), angles[source]
         motion_primitives.append(Primitive(source, source, (start, (*map(float, ahead), angle))))
         for steps in (*range(1, span + 1), *range(-1, -span - 1, -1)):
             target = (source + steps) % headings
-            for poses in _turns(ahead, directions[target], angle, radius):
+            for poses in _make_turns(ahead, directions[target], angle, radius):
                 motion_primitives.append(Primitive(source, target, poses))
         for quarter in (1, 3) if sideways else ():
             direction = directions[(source + quarter * headings // 4) % headings]
@@ -118,7 +120,7 @@ def make_primitives(
     return tuple(motion_primitives)
 
 
-def _turns(
+def _make_turns(
     ahead: tuple[int, int], after: tuple[int, int], heading: float, radius: float
 ) -> list[tuple[tuple[float, float, float], ...]]:
     """Return the poses of the turns from one direction to another."""
@@ -138,11 +140,11 @@ def _turns(
         along1 = (x * row - y * col) / cross * long1
         first, second = along - min_tangent, along1 - min_tangent
         if -1e-9 <= first < long - 1e-9 and -1e-9 <= second < long1 - 1e-9:
-            pose_lists.append(_turn_poses(heading, turn, along, along1, (float(col), float(row))))
+            pose_lists.append(_sample_turn(heading, turn, along, along1, (float(col), float(row))))
     return pose_lists
 
 
-def _turn_poses(
+def _sample_turn(
     heading: float, turn: float, along: float, along1: float, end: tuple[float, float]
 ) -> tuple[tuple[float, float, float], ...]:
     """Return poses along a straight piece, an arc, and a straight piece."""
@@ -176,7 +178,7 @@ def compute_reach(
     return math.ceil(far + body) + 2
 
 
-def centre_cells(primitive: Primitive) -> Ints:
+def find_centre_cells(primitive: Primitive) -> Ints:
     """Return the cells (n, 2) of (row, col) that the centre crosses, or touches at a corner."""
     row, col, _, _ = _find_crossed_cells(primitive, 1, 0.0)
     cells = [np.column_stack([row, col])]
@@ -296,7 +298,7 @@ def _pad_rows(rows: list[Array], dtype: type) -> Array:
     return result
 
 
-def masked_ground(
+def make_lattice_ground(
     motion_primitives: tuple[Primitive, ...],
     outline: Footprint | None,
     costs: Costmap,
@@ -308,8 +310,10 @@ def masked_ground(
     """
     density = costs.density_of_heading
     rows, columns = costs.grid.shape
-    masks = outline_masks(costs.grid, outline, motion_primitives).copy()
-    centres = [np.insert(centre_cells(primitive), 2, 1, axis=1) for primitive in motion_primitives]
+    masks = make_outline_masks(costs.grid, outline, motion_primitives).copy()
+    centres = [
+        np.insert(find_centre_cells(primitive), 2, 1, axis=1) for primitive in motion_primitives
+    ]
     _add_masks(masks, np.isinf(density[0]), centres, motion_primitives, outside=True)
     half = np.array(density).reshape(-1) / 2
     free = half[np.isfinite(half)]
@@ -320,11 +324,11 @@ def masked_ground(
         rows,
         columns,
         cheapest,
-        _nearby(density, compute_reach(motion_primitives, None, 1.0)),
+        _find_least_density_nearby(density, compute_reach(motion_primitives, None, 1.0)),
     )
 
 
-def _nearby(density: Array, reach: int) -> Singles:
+def _find_least_density_nearby(density: Array, reach: int) -> Singles:
     """Return the least density near each cell, over all headings, (rows * columns,)."""
     import cv2
 
@@ -337,7 +341,7 @@ def _nearby(density: Array, reach: int) -> Singles:
 
 
 @lru_cache(maxsize=4)
-def outline_masks(
+def make_outline_masks(
     grid: OccupancyGrid, outline: Footprint | None, motion_primitives: tuple[Primitive, ...]
 ) -> Words:
     """Return bits (headings, rows, words, slots), set if a primitive from a cell is blocked."""
@@ -356,7 +360,7 @@ def outline_masks(
             find_swept_cells(corners, np.array(swept_cells.poses) + half, reach)
             for swept_cells in motion_primitives
         ]
-        runs = [_runs(swept_cells, reach) for swept_cells in cells]
+        runs = [_find_runs(swept_cells, reach) for swept_cells in cells]
         _add_masks(masks, grid.cells == OCCUPIED, runs, motion_primitives, outside=False)
     masks.setflags(write=False)
     return masks
@@ -388,7 +392,7 @@ def _pack_bits(plane: Array, margin: int, words: int, outside: bool) -> Array:
     return np.packbits(wide, axis=1, bitorder="little").view(np.uint64)
 
 
-def _runs(cells: Array, reach: int) -> Ints:
+def _find_runs(cells: Array, reach: int) -> Ints:
     """Return runs (n, 3) of cells: row, first column and number, from the middle one."""
     edges = np.diff(cells.astype(np.int8), axis=1, prepend=0, append=0)
     row, first = np.nonzero(edges == 1)
@@ -425,13 +429,13 @@ class LatticeSearch:
         self._primitives = tuple(
             primitive for primitive in all_primitives if not _leaves_grid(primitive, grid.shape)
         )
-        ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
+        ground = make_lattice_ground(self._primitives, robot.outline if robot else None, costs)
         moves, self._motions = make_moves(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
         terms = kernels.LatticeTerms(1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0)
         self.graph = kernels.StateGraph(ground, moves, terms)
         reversible = len(costs.density_of_heading) == 1 and _is_reversible(robot)
-        self._between_cells = self.graph._replace(moves=_between_cells(moves, reversible))
+        self._project_moves = self.graph._replace(moves=_project_moves(moves, reversible))
         self._size = grid.shape[0] * grid.shape[1]
 
     def find_path(self, start: Position, goal: Position) -> PlannerResult:
@@ -439,7 +443,7 @@ class LatticeSearch:
         robot, near = self._costs.robot, self._find_tolerated_cells(goal)
         try:
             planner_result, may_come_near = self._search_targets(
-                [self._cell(goal)], start, goal, near
+                [self._index_cell(goal)], start, goal, near
             )
             if planner_result.status != "infeasible" or robot is None or len(near) < 2:
                 return planner_result
@@ -463,22 +467,22 @@ class LatticeSearch:
 
         The second value is False if it is certain that no path leads to any of the `near_cells`.
         """
-        bound = self.compute_bounds(targets, self._cell(start))
-        cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
+        bound = self.compute_bounds(targets, self._index_cell(start))
+        cap = float(bound[self._index_cell(start)]) * (1 - kernels.ROUNDING)
         if math.isinf(cap):
             return self._explain_failure(start, goal, 0), True
-        goal_headings = sum(1 << heading for heading in self._headings(goal))
+        goal_headings = sum(1 << heading for heading in self._list_headings(goal))
         terms = self.graph.terms._replace(cap=cap, goal_headings=goal_headings)
         graph = self.graph._replace(terms=terms)
         cost, last, expanded = self.explore_costs(start, bound, graph)
         if last < 0:
             # All that can be reached was, but for cells from which none leads to the targets.
             of_others = cost.reshape(self._size, -1, len(self._angles))[near_cells]
-            reached = of_others[:, :, self._headings(goal)].any(axis=(1, 2))
+            reached = of_others[:, :, self._list_headings(goal)].any(axis=(1, 2))
             reached |= np.isinf(bound[near_cells])
             return self._explain_failure(start, goal, expanded), bool(reached.any())
         moves = kernels.trace_motions(graph, cost, last)
-        return PlannerResult(self._path(moves), expanded=expanded), True
+        return PlannerResult(self._path_from_moves(moves), expanded=expanded), True
 
     def _find_tolerated_cells(self, goal: Position) -> list[int]:
         """Return the cells whose centres lie within the robot's goal tolerance of the goal."""
@@ -492,12 +496,12 @@ class LatticeSearch:
 
     def compute_bounds(self, targets: list[int], source: int) -> Array:
         """Return lower bounds of the cost from cells to any target, final up to cell `source`."""
-        bound, graph = np.full(self._size, np.inf, np.float32), self._between_cells
-        queue = kernels.new_queue(self._buckets(1.0), 0)
+        bound, graph = np.full(self._size, np.inf, np.float32), self._project_moves
+        queue = kernels.make_queue(self._count_buckets(1.0), 0)
         for target in targets:
             bound[target] = 0.0
             kernels.put_state(queue, target, 0)
-        self._run(
+        self._run_kernel(
             lambda queue, max_expansions: kernels.project_cells(
                 queue, graph, bound, source, max_expansions
             ),
@@ -509,19 +513,19 @@ class LatticeSearch:
         self, start: Position, bound: Array, graph: kernels.StateGraph
     ) -> tuple[Array, int, int]:
         """Return the costs of the search over states, the last state or -1, and the expansions."""
-        terms, source = graph.terms, self._cell(start)
+        terms, source = graph.terms, self._index_cell(start)
         layers = terms.gears * len(self._angles)
         cost = np.zeros(self._size * layers, np.float32)
         lowest = int(terms.cap * terms.per_cost)
-        queue = kernels.new_queue(self._buckets(2.0), lowest)
+        queue = kernels.make_queue(self._count_buckets(2.0), lowest)
         for gear in range(terms.gears):
-            for heading in self._headings(start):
+            for heading in self._list_headings(start):
                 state = source * layers + gear * len(self._angles) + heading
                 cost[state] = 1.0
                 kernels.put_state(queue, state, lowest)
                 if bound[source] == 0 and (terms.goal_headings >> heading) & 1:
                     queue.state[kernels.BEST] = state  # the start is the goal
-        queue = self._run(
+        queue = self._run_kernel(
             lambda queue, max_expansions: kernels.explore_states(
                 queue, graph, bound, cost, max_expansions
             ),
@@ -530,7 +534,7 @@ class LatticeSearch:
         numbers = queue.state
         return cost, int(numbers[kernels.BEST]), int(numbers[kernels.EXPANDED])
 
-    def _run(
+    def _run_kernel(
         self, step: Callable[[kernels.StateQueue, int], int], queue: kernels.StateQueue
     ) -> kernels.StateQueue:
         """Run a kernel until it has finished, adding memory and watching the time limit."""
@@ -542,7 +546,7 @@ class LatticeSearch:
                 raise OutOfTimeError(reached * self._costs.grid.resolution)
         return queue
 
-    def _buckets(self, factor: float) -> int:
+    def _count_buckets(self, factor: float) -> int:
         """Return the number of buckets that a motion's cost spans, a power of two."""
         ground, moves, terms = self.graph
         half = ground.half
@@ -552,19 +556,19 @@ class LatticeSearch:
         # States that are to come later wait in the last bucket.
         return int(min(2**14, 2 ** math.ceil(math.log2(spanned))))
 
-    def _cell(self, pose: Position) -> int:
+    def _index_cell(self, pose: Position) -> int:
         """Return the number of the cell of a pose."""
         row, col = self._costs.find_cell(pose[:2])
         return row * self.graph.ground.columns + col
 
-    def _headings(self, pose: Position) -> list[int]:
+    def _list_headings(self, pose: Position) -> list[int]:
         """Return the layer nearest to the heading of a pose; all headings if it has none."""
         if len(pose) < 3:
             return list(range(len(self._angles)))
         alignment = np.cos(self._angles + self._costs.grid.origin[2] - pose[2])
         return [int(np.argmax(alignment))]
 
-    def _path(self, moves: Array) -> Path:
+    def _path_from_moves(self, moves: Array) -> Path:
         """Return the path of motions after the state that begins it."""
         state, grid = int(moves[0]), self._costs.grid
         cell, layer = divmod(state, self.graph.terms.gears * len(self._angles))
@@ -611,7 +615,7 @@ def _is_reversible(robot: Robot | None) -> bool:
     return bool((distance.min(axis=0) < TOUCH).all())
 
 
-def _between_cells(moves: kernels.LatticeMoves, reversible: bool) -> kernels.LatticeMoves:
+def _project_moves(moves: kernels.LatticeMoves, reversible: bool) -> kernels.LatticeMoves:
     """Return the motions that lead to another cell at least cost, of which `begin` means nothing.
 
     A robot that is `reversible` drives its forward motions, turned by 180 degrees, in reverse at a

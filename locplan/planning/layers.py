@@ -62,25 +62,29 @@ def degeneracy(
         )
     values, of_e = field.scalar(criterion, with_q=True), field.scalar("e")
     if values.ndim == 2:
-        return _degeneracy(field, criterion, law, values, of_e)
+        return _compute_degeneracy(field, criterion, law, values, of_e)
     count = values.shape[2]
     if headings is None:
         heading_layers = np.empty((2, count, *field.grid.shape))
         for k in range(count):
-            heading_layers[:, k] = _degeneracy(field, criterion, law, values[..., k], of_e[..., k])
+            heading_layers[:, k] = _compute_degeneracy(
+                field, criterion, law, values[..., k], of_e[..., k]
+            )
         return heading_layers[0], heading_layers[1]
     # One heading at a time, since all of a large map take much memory.
     combined = np.zeros((2, *field.grid.shape))
     join = np.add if headings == "mean" else np.maximum
     for k in range(count):
         join(
-            combined, _degeneracy(field, criterion, law, values[..., k], of_e[..., k]), out=combined
+            combined,
+            _compute_degeneracy(field, criterion, law, values[..., k], of_e[..., k]),
+            out=combined,
         )
     u, e = combined / count if headings == "mean" else combined
     return u, e
 
 
-def _degeneracy(
+def _compute_degeneracy(
     field: CovarianceField, criterion: str, law: str, values: Floats, of_e: Floats
 ) -> tuple[Floats, Floats]:
     """Compute u and e, (H, W), from the criterion and e on the lattice, (h, w)."""
@@ -269,7 +273,7 @@ class CostLayers(DrawableResult):
         """
         x, y = check_position(xy, name=role)
         row, col = self.grid.cell((x, y))
-        fault = self._fault(row, col)
+        fault = self._find_cell_fault(row, col)
         if fault is None:
             return row, col
         remedy = f"no cell of the map is free for a robot of radius {self.robot_radius:g} m"
@@ -286,7 +290,7 @@ class CostLayers(DrawableResult):
         hint = "locplan info MAP -o PICTURE shows coordinates"
         raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}; {hint}")
 
-    def _fault(self, row: int, col: int) -> str | None:
+    def _find_cell_fault(self, row: int, col: int) -> str | None:
         """Return the reason why a robot cannot stand in a cell; None if it can."""
         if not self.grid.contains(row, col):
             return f"lies outside the map, which reaches from {extent_text(self.grid)}"
@@ -444,7 +448,7 @@ def check_weight(weight: float) -> None:
     check_number("weight", weight, 0, MAX_DENSITY)
 
 
-def whole_robot(robot: Robot | float) -> Robot | None:
+def robot_or_none(robot: Robot | float) -> Robot | None:
     """Return the robot, or None if only its radius is given."""
     return robot if isinstance(robot, Robot) else None
 

@@ -62,7 +62,7 @@ class LimitedPlanner(PlannerWrapper):
             planner_result = self._plan_clear(allowed, stops)
             if planner_result.path is not None:
                 return planner_result
-        lowest_max_e = self._min_max_e(self._thin_costmap(costs), stops)
+        lowest_max_e = self._find_least_max_e(self._make_thin_costmap(costs), stops)
         if lowest_max_e is None or lowest_max_e <= self.max_e:  # max_e is not the reason
             return planner_result or self._plan_clear(costs, stops)
         any_will_do = self.outline is None and self.space not in CURVED
@@ -80,7 +80,7 @@ class LimitedPlanner(PlannerWrapper):
         planner_result, gave_up, meets = self._try_circles(costs, stops)
         if planner_result is not None:
             return planner_result
-        if not self._joins(self._thin_costmap(costs), stops):
+        if not self._can_join(self._make_thin_costmap(costs), stops):
             without = self._plan_legs(costs, stops)
             if without.path is None:
                 return without
@@ -190,7 +190,7 @@ class LimitedPlanner(PlannerWrapper):
             notes += [f"leg {number} {planner_result.note}"] if planner_result.note else []
         return PlannerResult(Path.join(legs), note="; ".join(notes), expanded=expanded)
 
-    def _thin_costmap(self, costs: Costmap) -> Costmap:
+    def _make_thin_costmap(self, costs: Costmap) -> Costmap:
         """Return the costmap of a robot that fits everywhere that the outline does, for proofs.
 
         The centre of a cell may be half a cell's diagonal nearer to a wall than the robot's is. A
@@ -204,7 +204,7 @@ class LimitedPlanner(PlannerWrapper):
         thin_costs = Costmap.blank(costs.grid, robot=max(0.0, radius), zones=costs.zones)
         return dataclasses.replace(costs, density=thin_costs.density)
 
-    def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:
+    def _can_join(self, costs: Costmap, stops: Sequence[Position]) -> bool:
         """Return True if a path over the grid joins the stops; otherwise no path does."""
         if not _are_free(costs, stops):
             return False
@@ -212,15 +212,15 @@ class LimitedPlanner(PlannerWrapper):
         cost = plan_field(costs, stops[0][:2], allow_corner_cutting=cutting).cost
         return all(np.isfinite(cost[costs.grid.cell(stop[:2])]) for stop in stops)
 
-    def _min_max_e(self, costs: Costmap, stops: Sequence[Position]) -> float | None:
+    def _find_least_max_e(self, costs: Costmap, stops: Sequence[Position]) -> float | None:
         """Return the least `max_e` [m^2 rad] with a grid path over the stops, or None."""
-        if not self._joins(costs, stops):
+        if not self._can_join(costs, stops):
             return None
         levels = np.unique(costs.e[np.isfinite(costs.density)])
         low, high = 0, len(levels) - 1
         while low < high:
             middle = (low + high) // 2
-            joins = self._joins(_block_high_e(costs, float(levels[middle])), stops)
+            joins = self._can_join(_block_high_e(costs, float(levels[middle])), stops)
             low, high = (low, middle) if joins else (middle + 1, high)
         return float(levels[low])
 

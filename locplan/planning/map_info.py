@@ -20,7 +20,7 @@ from locplan.maps.files import MapSource, read_map
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.map_faults import faults
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
-from locplan.planning.cost_to_go import NamedPlace, PlacePair, farthest_pairs
+from locplan.planning.cost_to_go import NamedPlace, PlacePair, find_farthest_pairs
 from locplan.planning.costmap import ROBOT_RADIUS
 from locplan.planning.grid import find_map_parts, iterate_bands
 from locplan.robots.robot import Robot, format_radius, planning_radius
@@ -64,7 +64,7 @@ def find_main_part(
         return 1, None
     inner = [number for number in range(1, len(areas) + 1) if number != outside]
     largest = areas[inner[0] - 1] if inner else 0.0
-    indoor = (room_of_cell == outside) & _is_between_walls(grid)
+    indoor = (room_of_cell == outside) & _mark_cells_between_walls(grid)
     indoor_area = float(np.count_nonzero(indoor)) * grid.resolution**2
     if max(largest, indoor_area) < INDOOR_SHARE * areas[outside - 1]:
         return outside, None
@@ -79,7 +79,7 @@ def find_surroundings(room_of_cell: Array, count: int) -> int:
     return room if cells[room] > cells.sum() / 2 else 0
 
 
-def _is_between_walls(grid: OccupancyGrid) -> Bools:
+def _mark_cells_between_walls(grid: OccupancyGrid) -> Bools:
     """Mark the cells with an occupied cell on all four sides, in their row and column."""
     occupied = grid.cells == OCCUPIED
     between = np.ones(grid.shape, np.bool_)
@@ -202,7 +202,7 @@ class MapInfo(DrawableResult):
 
     def report(self) -> str:
         """Return the information for people, with command lines to copy."""
-        parts = [format_table([], self._facts()), self._rooms_table()]
+        parts = [format_table([], self._list_facts()), self._format_rooms()]
         for pair in self.pairs:
             ends = " / ".join(f"{place.name} {place.xy}" for place in (pair.start, pair.goal))
             digits = 0 if pair.distance >= 9.95 else 1
@@ -216,7 +216,7 @@ class MapInfo(DrawableResult):
             )
         return "\n".join([*parts, *(f"warning: {warning}" for warning in self.warnings)])
 
-    def _facts(self) -> list[list[str]]:
+    def _list_facts(self) -> list[list[str]]:
         """Return the rows about the map as a whole."""
         (rows, cols), (width, height) = self.grid.shape, self.size
         x, y, yaw = self.grid.origin
@@ -238,7 +238,7 @@ class MapInfo(DrawableResult):
             facts.append(["read with", f"{mode}, {thresholds}"])
         return facts
 
-    def _rooms_table(self) -> str:
+    def _format_rooms(self) -> str:
         """Return the rooms, with the small ones summed up."""
         robot_text = f"for a robot of radius {self.robot_size}"
         if not self.rooms:
@@ -376,7 +376,7 @@ def _choose_routes(
         if number == main or areas[number - 1] >= large / 3:
             names = "ABCDEFGH"[used : used + count]
             part = cells if number == main else None
-            room_pairs = farthest_pairs(grid, room_of_cell, number, names, 2 * radius, part)
+            room_pairs = find_farthest_pairs(grid, room_of_cell, number, names, 2 * radius, part)
             used += len(room_pairs) + 1 if room_pairs else 0
             pairs += room_pairs
     return tuple(pairs)

@@ -42,10 +42,12 @@ def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[Ar
         Number of headings, evenly spaced from 0 on; over 1e7 cells are a LocplanError.
     """
     poses, sizes, _ = stack_poses(path)
-    return crossed_by_paths(grid, poses, sizes, headings)[:4]
+    return find_cells_of_paths(grid, poses, sizes, headings)[:4]
 
 
-def crossed_by_paths(grid: OccupancyGrid, poses: Floats, sizes: Ints, headings: int) -> list[Array]:
+def find_cells_of_paths(
+    grid: OccupancyGrid, poses: Floats, sizes: Ints, headings: int
+) -> list[Array]:
     """Return the cells that several paths cross, as headings, rows, columns, lengths, path numbers.
 
     Cells are in order of travel. A path, or a part of it in one heading, that has no length has
@@ -200,10 +202,10 @@ def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
     density, clearance = _sample_layers(layers[2], at, np.inf), costs.grid.clearance[None]
     integrated_e, share, longest = float(e @ lengths), np.nan, np.nan
     if np.isfinite(u).all():
-        share, longest = _stretches(u > DEGENERATE, lengths)
+        share, longest = _measure_stretches(u > DEGENERATE, lengths)
     return PathMetrics(
         length=path.length,
-        cost=float(_integrals(density, lengths, np.zeros(len(lengths), np.int64))[0]),
+        cost=float(_sum_by_path(density, lengths, np.zeros(len(lengths), np.int64))[0]),
         integrated_e=integrated_e,
         integrated_u=float(u @ lengths),
         mean_e=integrated_e / path.length if path.length else float(e[0]),
@@ -269,12 +271,12 @@ def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:
         selection = has_heading == headed
         density = costs.density_of_heading if headed else costs.density[None]
         part = poses[np.repeat(selection, sizes)]
-        *at, lengths, number = crossed_by_paths(costs.grid, part, sizes[selection], len(density))
-        values[selection] = _integrals(_sample_layers(density, at, np.inf), lengths, number)
+        *at, lengths, number = find_cells_of_paths(costs.grid, part, sizes[selection], len(density))
+        values[selection] = _sum_by_path(_sample_layers(density, at, np.inf), lengths, number)
     return float(values[0]) if is_single else values
 
 
-def _integrals(density: Floats, lengths: Floats, number: Ints) -> Floats:
+def _sum_by_path(density: Floats, lengths: Floats, number: Ints) -> Floats:
     """Return J of paths [m], by the numbers of the paths that cross cells.
 
     A blocked cell costs inf, also if its length is 0.
@@ -325,7 +327,7 @@ def _sample_layers(layers: Array, at: Sequence[Array], outside: float) -> Floats
     return np.where(inside, layers[heading, row, col], outside)
 
 
-def _stretches(is_inside: Bools, lengths: Array) -> tuple[float, float]:
+def _measure_stretches(is_inside: Bools, lengths: Array) -> tuple[float, float]:
     """Return the share of the length where something holds, and the longest stretch of it [m]."""
     total = lengths.sum()
     share = float(lengths[is_inside].sum() / total) if total > 0 else 0.0
@@ -386,7 +388,7 @@ def compare_lidars(
     return shares
 
 
-def lidars_table(shares: Sequence[LidarShare]) -> Table:
+def make_lidar_table(shares: Sequence[LidarShare]) -> Table:
     """Return a table that compares lidars.
 
     Parameters
@@ -408,7 +410,7 @@ def lidars_table(shares: Sequence[LidarShare]) -> Table:
     return Table.from_records(columns, shares)
 
 
-def costs_caption(costs: Costmap) -> str:
+def format_costs_caption(costs: Costmap) -> str:
     """Return a further line of a title about the field and the robot of a costmap.
 
     Parameters

@@ -22,8 +22,8 @@ from locplan.planning.grid import (
     blank_costs,
     bordered_ends,
     cells_from_flat,
+    find_straight_line,
     path_through_centres,
-    straight_line,
 )
 from locplan.planning.metrics import path_metrics
 from locplan.planning.path import Path
@@ -121,7 +121,7 @@ class FrontProblem:
             ends_integral += offset * float(layer[cell])
         per_metre = SCALE / costs.grid.resolution
         per_integral = SCALE / (costs.grid.resolution * greatest)
-        line, path = None, straight_line(costs, start, goal, cutting)
+        line, path = None, find_straight_line(costs, start, goal, cutting)
         if path is not None:
             metrics = path_metrics(costs, path)
             integral = metrics.integrated_e if objective == "e" else metrics.integrated_u
@@ -300,7 +300,7 @@ class ParetoSearch:
         while True:
             bound = pareto.search_labels(self._labels, self._terms, STRETCH, solution_labels)
             status, count = (int(self._labels.state[i]) for i in (pareto.STATUS, pareto.SOLUTIONS))
-            full = status == pareto.OUT_OF_LABELS and not self._grow()
+            full = status == pareto.OUT_OF_LABELS and not self._double_room()
             late = time.perf_counter() > until
             if status == pareto.FINISHED or count == solutions or full or late:
                 return solution_labels[:count], bound
@@ -315,7 +315,7 @@ class ParetoSearch:
 
         return cells_from_flat(trace_label(self._labels, label), self.problem.columns)
 
-    def _grow(self) -> bool:
+    def _double_room(self) -> bool:
         """Double the room up to its limit; return False if it is full."""
         room = min(2 * self._labels.cell.size, self._max_labels)
         if self.labels + 8 > room:
@@ -403,7 +403,7 @@ class BudgetPlanner:
             )
             return PlannerResult(status="infeasible", feasible_from=min_integral, note=note)
         assert short is not None  # because there is a frugal one
-        bounds = _lagrangian(problem, first_to_go, short, frugal, within)
+        bounds = _maximize_bound(problem, first_to_go, short, frugal, within)
         lower = bounds.upper
         if bounds.upper > bounds.lower:
             search = ParetoSearch(
@@ -436,7 +436,7 @@ class _Bounds:
     """Both costs to go, their multiplier, and the greatest sum of a better path."""
 
 
-def _lagrangian(
+def _maximize_bound(
     problem: FrontProblem, first_to_go: Floats, short: Ints, frugal: Ints, within: float
 ) -> _Bounds:
     """Raise the multiplier to the value with the greatest bound (Handler and Zang, 1980)."""
@@ -557,10 +557,14 @@ def pareto_front(
         if problem.line is not None:
             points.append((*problem.line.units, np.empty((0, 2), np.int64)))
         exact = math.isinf(to_come)
-        bounds = [] if exact else _weighted_sums(problem, points, short, frugal)
+        bounds = [] if exact else _add_weighted_sums(problem, points, short, frugal)
         longest = problem.measure_units(frugal)[0]
         points = _drop_dominated(points, longest, problem.tolerance(frugal))
-        epsilon = 0.0 if exact else _epsilon(points, to_come, second_to_go[problem.source], bounds)
+        epsilon = (
+            0.0
+            if exact
+            else _compute_epsilon(points, to_come, second_to_go[problem.source], bounds)
+        )
     measures = np.reshape([problem.measure_metres(cells) for *_, cells in points], (-1, 2))
     return ParetoFront(
         costs=costs,
@@ -591,7 +595,7 @@ def _drop_dominated(points: list[Point], longest: float, tolerance: float) -> li
     return best
 
 
-def _epsilon(
+def _compute_epsilon(
     points: list[Point], to_come: float, min_second: float, bounds: list[tuple[float, float]]
 ) -> float:
     """Return the greatest relative gain over all points of a path that may have been missed.
@@ -611,7 +615,7 @@ def _epsilon(
     return max(0.0, float(worst) - 1)
 
 
-def _weighted_sums(
+def _add_weighted_sums(
     problem: FrontProblem, points: list[Point], short: Ints, frugal: Ints
 ) -> list[tuple[float, float]]:
     """Add paths of least weighted sums to the points, the widest gaps first.

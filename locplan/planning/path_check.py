@@ -187,8 +187,8 @@ def check_path(
         outline=outline,
         length=path.length,
         cost=math.nan if costs is None else path_cost(costs, path),
-        least_radius=float(_turning_radii(poses).min(initial=math.inf)),
-        clearance=0.0 if collides else _clearance(grid, outline, poses),
+        least_radius=float(_compute_turning_radii(poses).min(initial=math.inf)),
+        clearance=0.0 if collides else _measure_clearance(grid, outline, poses),
         swept=_sweep_outline(grid, outline, poses),
         faults=faults,
     )
@@ -213,12 +213,12 @@ def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFaul
     """
     poses, kinematics = path.drive_poses, robot.kinematics
     drive_path = Path(poses[:, :2], poses[:, 2])
-    tight = _turning_radii(poses) < kinematics.turning_radius * (1 - TIGHT)
-    backward = (_ahead(poses) < -0.5) & (not kinematics.reverse)
+    tight = _compute_turning_radii(poses) < kinematics.turning_radius * (1 - TIGHT)
+    backward = (_compute_travel_cosines(poses) < -0.5) & (not kinematics.reverse)
     faults = [
-        *_stretches("collision", make_outline(robot).find_collisions(grid, poses), drive_path),
-        *_stretches("tight turn", np.flatnonzero(tight), drive_path),
-        *_stretches("reverse", np.flatnonzero(backward), drive_path),
+        *_merge_faults("collision", make_outline(robot).find_collisions(grid, poses), drive_path),
+        *_merge_faults("tight turn", np.flatnonzero(tight), drive_path),
+        *_merge_faults("reverse", np.flatnonzero(backward), drive_path),
     ]
     return tuple(sorted(faults, key=lambda fault: (fault.along, fault.kind)))
 
@@ -235,7 +235,7 @@ def grow_outline(corners: Floats, by: float) -> Footprint:
     return Footprint((corners[:, None] + by * circle).reshape(-1, 2))
 
 
-def _turning_radii(poses: Floats) -> Floats:
+def _compute_turning_radii(poses: Floats) -> Floats:
     """Return the radius of each line between poses [m]; infinite if it does not turn."""
     turn = np.abs(np.remainder(np.diff(poses[:, 2]) + math.pi, 2 * math.pi) - math.pi)
     length = np.hypot(*np.diff(poses[:, :2], axis=0).T)
@@ -244,7 +244,7 @@ def _turning_radii(poses: Floats) -> Floats:
     return np.where(turning, length / chord, math.inf)
 
 
-def _ahead(poses: Floats) -> Floats:
+def _compute_travel_cosines(poses: Floats) -> Floats:
     """Return the cosine between heading and direction of each line between poses; 0 on the spot."""
     step, heading = np.diff(poses[:, :2], axis=0), np.unwrap(poses[:, 2])
     middle = (heading[1:] + heading[:-1]) / 2
@@ -253,7 +253,7 @@ def _ahead(poses: Floats) -> Floats:
     return np.asarray(np.divide(along, length, out=np.zeros_like(along), where=length > 1e-6))
 
 
-def _stretches(
+def _merge_faults(
     kind: Literal["collision", "tight turn", "reverse"], lines: Array, path: Path
 ) -> list[PathFault]:
     """Return the faults of lines between poses; adjacent faults are merged."""
@@ -267,7 +267,7 @@ def _stretches(
     return faults
 
 
-def _clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> float:
+def _measure_clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> float:
     """Return the least distance from walls of an outline that meets none [m]."""
     if not (grid.cells == OCCUPIED).any():
         return math.inf

@@ -27,7 +27,7 @@ from locplan._support.reading import read_text
 from locplan._support.tables import parse_csv_cell
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.costmap import Costmap
-from locplan.planning.grid import connected_parts
+from locplan.planning.grid import label_connected_parts
 from locplan.planning.protocol import Position
 
 COLUMNS = {
@@ -145,8 +145,10 @@ def read_stations(path: str | os.PathLike[str]) -> list[Station]:
     LocplanError
         If the file cannot be read, or a row is wrong.
     """
-    rows = _rows(path, "stations")
-    return [Station(name, *_pose(place, values, "")) for name, (place, values) in rows.items()]
+    rows = _read_rows(path, "stations")
+    return [
+        Station(name, *_parse_pose(place, values, "")) for name, (place, values) in rows.items()
+    ]
 
 
 def read_queries(path: str | os.PathLike[str]) -> list[Query]:
@@ -169,10 +171,10 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     LocplanError
         If the file cannot be read, or a row is wrong.
     """
-    rows = _rows(path, "queries", "stations")
+    rows = _read_rows(path, "queries", "stations")
     if all("start_x" in values for _, values in rows.values()):
         return [
-            Query(name, _pose(place, values, "start_"), _pose(place, values, "goal_"))
+            Query(name, _parse_pose(place, values, "start_"), _parse_pose(place, values, "goal_"))
             for name, (place, values) in rows.items()
         ]
     if len(rows) < 2:
@@ -183,15 +185,15 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     ]
 
 
-def _pose(place: str, values: Mapping[str, str], end: str) -> Position:
+def _parse_pose(place: str, values: Mapping[str, str], end: str) -> Position:
     """Return the position in the columns of an end, and its heading if there is one."""
     heading = f"{end}heading_deg"
     columns = [f"{end}x", f"{end}y", *([heading] if values.get(heading) else [])]
-    pose = [_number(place, column, values[column]) for column in columns]
+    pose = [_parse_number(place, column, values[column]) for column in columns]
     return (*pose[:2], *map(math.radians, pose[2:]))
 
 
-def _number(place: str, column: str, text: str) -> float:
+def _parse_number(place: str, column: str, text: str) -> float:
     """Return the finite number in a column of a row."""
     with contextlib.suppress(ValueError):
         if math.isfinite(value := float(text)):
@@ -199,13 +201,13 @@ def _number(place: str, column: str, text: str) -> float:
     raise LocplanError(f"{place}: {column} must be a finite number, not {short_repr(text)}")
 
 
-def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dict[str, str]]]:
+def _read_rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dict[str, str]]]:
     """Return the rows of a file by name: where each stands, and its values; empty lines are none.
 
     An apostrophe that keeps a name from being a formula in a spreadsheet is no part of the name.
     """
     path = check_file_path(f"a file of {kinds[0]}", file)
-    lines = _lines(path)
+    lines = _read_lines(path)
     _, header = next(lines, ("", []))
     headers = []
     for kind in kinds:
@@ -239,7 +241,7 @@ def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dic
     return rows
 
 
-def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
+def _read_lines(path: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield the place of each line of a CSV file, and its values."""
     lines = csv.reader(read_text(path).splitlines())
     try:
@@ -282,11 +284,11 @@ def random_queries(
     """
     check_random(count, seed, min_distance)
     random = np.random.default_rng(seed)
-    parts = _Parts(costs, min_distance)
+    parts = _QueryParts(costs, min_distance)
     query_pairs = np.empty((0, 4))
     while len(query_pairs) < count:
         pairs = np.array([parts.draw(random) for _ in range(20)])
-        query_pairs = np.vstack([query_pairs, _farthest(pairs, query_pairs)])
+        query_pairs = np.vstack([query_pairs, _find_farthest_pair(pairs, query_pairs)])
     angles = random.uniform(-math.pi, math.pi, (count, 2, int(headed)))  # none, or one an end
     queries = []
     for n, (pair, turns) in enumerate(zip(query_pairs.reshape(-1, 2, 2), angles, strict=True), 1):
@@ -298,11 +300,11 @@ def random_queries(
     return queries
 
 
-class _Parts:
+class _QueryParts:
     """The parts of a map that are wide enough, as cells (n, 2), to draw pairs of cells from."""
 
     def __init__(self, costs: Costmap, min_distance: float) -> None:
-        count, labels = connected_parts(costs)
+        count, labels = label_connected_parts(costs)
         flat = np.argsort(labels, axis=None, kind="stable")
         borders = np.searchsorted(labels.ravel()[flat], np.arange(1, count))
         part_cells = [
@@ -312,7 +314,7 @@ class _Parts:
         if not part_cells:
             raise ConfigError(f"{costs.grid.name or 'the map'}: has no cell where the robot fits")
         self._min = min_distance / costs.grid.resolution - 1e-9
-        ends = [_farthest_apart(part) for part in part_cells]
+        ends = [_find_farthest_cells(part) for part in part_cells]
         widths = [_compute_distances(*pair) for pair in ends]
         if max(widths) < self._min:
             raise ConfigError(
@@ -343,7 +345,7 @@ def _compute_distances(first: Array, second: Array) -> Floats:
     return np.asarray(np.hypot(*np.moveaxis(first - second, -1, 0)))
 
 
-def _farthest_apart(cells: Ints) -> Ints:
+def _find_farthest_cells(cells: Ints) -> Ints:
     """Return the two of the cells (n, 2) that are farthest apart, (2, 2)."""
     import cv2
 
@@ -352,7 +354,7 @@ def _farthest_apart(cells: Ints) -> Ints:
     return np.asarray(hull[list(np.unravel_index(int(np.argmax(distance)), distance.shape))])
 
 
-def _farthest(pairs: Floats, before: Floats) -> Floats:
+def _find_farthest_pair(pairs: Floats, before: Floats) -> Floats:
     """Return the pair that is farthest from those before, in whichever direction these lead."""
     if not len(before):
         return np.asarray(pairs[0])

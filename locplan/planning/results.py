@@ -297,10 +297,10 @@ class ParetoFront(Result, StoredResult):
         last = f"{count}, {precision}; {self.labels:,} labels, {self.solve_time:.2f} s"
         integral = "degenerate metres (∫u ds)" if self.objective == "u" else "∫e ds"
         lines = [str(format_table(["path", "length", "longer", integral, ""], rows)), last]
-        return "\n".join(filter(None, [*lines, self._no_knee]))
+        return "\n".join(filter(None, [*lines, self._explain_missing_knee]))
 
     @property
-    def _no_knee(self) -> str:
+    def _explain_missing_knee(self) -> str:
         """The sentence on a front whose knee is the shortest path; empty if it bends elsewhere."""
         if self.knee or len(self) < 2:
             return ""

@@ -106,13 +106,13 @@ class Smoother:
 
     def smooth(self, path: Path, start: Position | None, goal: Position | None) -> Path:
         """Return a path smoothed, or itself; it ends at start and goal if curves lead there."""
-        poses = self._on_grid(path)
-        improved_poses = self._improve(self._with_ends(poses, start, goal))
+        poses = self._grid_from_path(path)
+        improved_poses = self._find_better_poses(self._add_ends(poses, start, goal))
         if improved_poses is None and (start or goal):
-            improved_poses = self._improve(poses)
+            improved_poses = self._find_better_poses(poses)
         if improved_poses is None:
             return path
-        world_path = self._in_world(improved_poses)
+        world_path = self._path_from_grid(improved_poses)
         if (
             self._outline
             and self._outline.find_first_collision(self._costs.grid, world_path) is not None
@@ -126,29 +126,29 @@ class Smoother:
 
         return float(compute_step_costs(self._ground, self._drive, poses).sum())
 
-    def _improve(self, poses: Floats) -> Floats | None:
+    def _find_better_poses(self, poses: Floats) -> Floats | None:
         """Return better poses, or None if there are none."""
         best, lowest_cost = None, self.cost(poses)
         step, turn = 1.5, 0.2
-        poses = self._straighten(poses)
+        poses = self._straighten_by_chain(poses)
         for _ in range(ROUNDS + 1):
             if len(poses) < 2:
                 break
             cost = self.cost(poses)
             if cost < lowest_cost * (1 - 1e-9):
                 best, lowest_cost = poses, cost
-            shifted = self._shift(poses, (step, turn))
-            poses = poses if shifted is poses else self._straighten(shifted)
+            shifted = self._shift_knots(poses, (step, turn))
+            poses = poses if shifted is poses else self._straighten_by_chain(shifted)
             step, turn = 0.6 * step, 0.6 * turn
         return best
 
-    def _straighten(self, poses: Floats) -> Floats:
+    def _straighten_by_chain(self, poses: Floats) -> Floats:
         """Return poses along the cheapest chain of curves; empty without a chain."""
         from locplan.planning.kernels.smoothing import find_cheapest_chain
 
         if len(poses) < 2:
             return poses
-        at = self._knots(poses, max(2.0, 0.25 * self._drive.radius))
+        at = self._place_knots(poses, max(2.0, 0.25 * self._drive.radius))
         step_costs = np.add.reduceat(self._compute_step_costs(poses), at[:-1])
         chain = find_cheapest_chain(
             self._ground, self._drive, self._body, poses[at], step_costs, LOOKAHEAD
@@ -159,25 +159,25 @@ class Smoother:
             if before == -1:
                 return poses[:0]
             if before >= 0:
-                pieces.append(self._curve(poses[at[before]], poses[at[last]])[1:])
+                pieces.append(self._sample_curve(poses[at[before]], poses[at[last]])[1:])
             else:
                 before = -2 - before
                 pieces.append(poses[at[before] + 1 : at[last] + 1])
             last = before
         return np.concatenate([poses[:1], *pieces[::-1]])
 
-    def _shift(self, poses: Floats, steps: tuple[float, float]) -> Floats:
+    def _shift_knots(self, poses: Floats, steps: tuple[float, float]) -> Floats:
         """Shift knots to positions of lower cost; return the poses unchanged without gain."""
         from locplan.planning.kernels.smoothing import shift_knots
 
-        at = self._knots(poses, max(3.0, 0.75 * self._drive.radius))
+        at = self._place_knots(poses, max(3.0, 0.75 * self._drive.radius))
         step_costs = np.add.reduceat(self._compute_step_costs(poses), at[:-1])
         knots, curved = poses[at].copy(), np.zeros(len(step_costs), bool)
         shift_knots(self._ground, self._drive, self._body, knots, step_costs, curved, steps)
         if not curved.any():
             return poses
         pieces = [
-            self._curve(knots[n], knots[n + 1])[1:] if curved[n] else poses[a + 1 : b + 1]
+            self._sample_curve(knots[n], knots[n + 1])[1:] if curved[n] else poses[a + 1 : b + 1]
             for n, (a, b) in enumerate(itertools.pairwise(at.tolist()))
         ]
         return np.concatenate([poses[:1], *pieces])
@@ -187,7 +187,7 @@ class Smoother:
 
         return np.asarray(compute_step_costs(self._ground, self._drive, poses))
 
-    def _knots(self, poses: Floats, spacing: float) -> Ints:
+    def _place_knots(self, poses: Floats, spacing: float) -> Ints:
         """Return knots of poses at least a spacing [cells], or a quarter of a radian, apart."""
         steps = np.diff(poses, axis=0)
         turn = np.abs(np.remainder(steps[:, 2] + math.pi, 2 * math.pi) - math.pi)
@@ -198,13 +198,13 @@ class Smoother:
         is_knot[-1] = True
         return np.flatnonzero(is_knot)
 
-    def _curve(self, start: Floats, end: Floats) -> Floats:
+    def _sample_curve(self, start: Floats, end: Floats) -> Floats:
         from locplan.planning.kernels.motions import motion_poses
 
         ends = tuple(start.tolist()), tuple(end.tolist())
         return np.asarray(motion_poses(self._drive.kind, self._drive.radius, *ends))
 
-    def _with_ends(self, poses: Floats, start: Position | None, goal: Position | None) -> Floats:
+    def _add_ends(self, poses: Floats, start: Position | None, goal: Position | None) -> Floats:
         """Add the true ends before and after poses; a missing heading is taken from the poses."""
         for pose, place, at in ((start, 0, 0), (goal, -1, None)):
             if pose is not None:
@@ -215,13 +215,13 @@ class Smoother:
                 poses = np.insert(poses, index, (float(col) + 1, float(row) + 1, heading), axis=0)
         return poses
 
-    def _on_grid(self, path: Path) -> Floats:
+    def _grid_from_path(self, path: Path) -> Floats:
         """Return poses on the bordered grid; without headings, with turns where lines meet."""
         x, y, heading = path.drive_poses.T
         row, col = self._costs.grid.world_to_grid(x, y)
         return np.column_stack([col + 1, row + 1, heading - self._costs.grid.origin[2]])
 
-    def _in_world(self, poses: Floats) -> Path:
+    def _path_from_grid(self, poses: Floats) -> Path:
         grid = self._costs.grid
         x, y = grid.grid_to_world(poses[:, 1] - 1, poses[:, 0] - 1)
         return Path(np.column_stack([x, y]), poses[:, 2] + grid.origin[2])

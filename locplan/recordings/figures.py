@@ -22,7 +22,12 @@ from locplan._support.poses import compute_travel_distances, place_ends
 from locplan.field.covariance import position_axes
 from locplan.maps.figures import compute_figure_size, crop_map, draw_map, zoom_map
 from locplan.maps.grid import OccupancyGrid
-from locplan.planning.figures import along_norm, draw_along_bar, draw_coloured_line, draw_inset
+from locplan.planning.figures import (
+    draw_coloured_line,
+    draw_inset,
+    draw_path_colour_bar,
+    make_path_norm,
+)
 from locplan.planning.path import Path
 from locplan.recordings.evaluation import PREFERRED, DriveEvaluation
 from locplan.recordings.location import LocatedDrive, Location
@@ -61,11 +66,11 @@ def drive_figure(drive_evaluation: DriveEvaluation) -> Figure:
     )
     predicted = position_axes(drive_evaluation.predicted[name])[0]
     measured = np.where(drive_evaluation.is_compared, drive_evaluation.matches.position_std, np.nan)
-    norm = along_norm(100 * np.concatenate([measured, predicted]))
+    norm = make_path_norm(100 * np.concatenate([measured, predicted]))
     _draw_line(upper, drive_evaluation, 100 * predicted, 7.0, norm)
     _draw_line(upper, drive_evaluation, 100 * measured, 4.0, None)
     lines = _draw_line(upper, drive_evaluation, 100 * measured, 2.6, norm)
-    draw_along_bar(figure, lines, upper, "std. dev. of the position [cm]", 0.8)
+    draw_path_colour_bar(figure, lines, upper, "std. dev. of the position [cm]", 0.8)
     magnify = _draw_ellipses(upper, drive_evaluation, name)
     xy = drive_evaluation.matches.recording.poses[drive_evaluation.is_outdated, :2]
     upper.plot(*xy.T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
@@ -256,11 +261,11 @@ def trajectory_figure(drive_trajectory: Trajectory) -> Figure:
         drive_trajectory.grid, drive_trajectory.poses, drive_trajectory.drive, scan_count
     )
     means = (deviation[:-1] + deviation[1:]) / 2
-    norm = along_norm(deviation)
+    norm = make_path_norm(deviation)
     drive_line = draw_coloured_line(
         upper, xy, means, norm=norm, cmap=FIELD_COLOURS, capstyle="round"
     )
-    draw_along_bar(figure, drive_line, upper, "std. dev. of the position [cm]", 0.8)
+    draw_path_colour_bar(figure, drive_line, upper, "std. dev. of the position [cm]", 0.8)
     limits = upper.get_xlim(), upper.get_ylim()
     upper.plot(
         *drive_trajectory.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4

@@ -27,15 +27,15 @@ from locplan._support.intervals import Interval, format_metres
 from locplan._support.kernels.arrays import Floats
 from locplan.maps.figures import compute_figure_size, crop_map, draw_map, draw_zones, zoom_map
 from locplan.planning.figures import (
-    along_norm,
-    draw_along_bar,
     draw_coloured_line,
     draw_degeneracy,
     draw_degeneracy_profiles,
     draw_ends,
     draw_inset,
     draw_path,
-    end_handles,
+    draw_path_colour_bar,
+    list_end_handles,
+    make_path_norm,
 )
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
@@ -71,7 +71,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     draw_inset(upper, grid, part, paths)
     profiles = {name: path_drives.profile() for name, path_drives in simulation.drives.items()}
     mean_errors = np.concatenate([profile[:, 4] for profile in profiles.values()])
-    norm = along_norm(mean_errors, of_errors=True)
+    norm = make_path_norm(mean_errors, of_errors=True)
     ratios, handles = compute_rmse_ratios(simulation.drives), []
     for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
         distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
@@ -99,13 +99,13 @@ def simulation_figure(simulation: Simulation) -> Figure:
         handle = Line2D([], [], color=colour, linestyle=style.linestyle, linewidth=2, label=label)
         handles.append(handle)
         draw_ends(upper, xy[0], xy[-1])
-    draw_along_bar(figure, coloured, upper)
+    draw_path_colour_bar(figure, coloured, upper)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     make_logarithmic(lower.yaxis)
     lower.margins(x=0.01)
     marks = place_handles((simulation.arrivals or {}).values())
-    figure.key([*handles, *marks, *end_handles()])
+    figure.key([*handles, *marks, *list_end_handles()])
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
         f"{grid.name or 'map'}: {count} simulated drives of each path,"
@@ -284,7 +284,7 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
     if recommendation.candidates:
         (_draw_errors if recommendation.judgement else _draw_degeneracy)(axes[1, 0], recommendation)
     marks = place_handles(candidate.arrivals for candidate in recommendation.candidates)
-    figure.key([*_make_handles(recommendation), *marks, *end_handles(), *zones], ncols=3)
+    figure.key([*_make_handles(recommendation), *marks, *list_end_handles(), *zones], ncols=3)
     name = recommendation.map["name"] or "map"
     figure.title(
         f"{name}: {recommendation.answer[0]}",

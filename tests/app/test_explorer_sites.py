@@ -50,7 +50,9 @@ def test_wall_fills_cells_whose_centres_it_covers():
 
 def test_thin_wall_has_no_gap():
     site = change(make_site(), draw("wall", [[0.5, 0.7], [4.5, 3.2]], 0.01))
-    _, labels = locplan.planning.grid.connected_parts(locplan.Costmap.blank(site.grid, robot=0.0))
+    _, labels = locplan.planning.grid.label_connected_parts(
+        locplan.Costmap.blank(site.grid, robot=0.0)
+    )
     assert len(set(labels[site.grid.free])) == 2
 
 

@@ -102,7 +102,7 @@ def test_32_moves_equal_the_plain_search(seed):
     density[0, 0] = density[-1, -1] = 1.0
     columns = 14 + 6
     half = make_bordered_half(density, 3)
-    moves = any_angle._moves(columns, False)
+    moves = any_angle._make_straight_moves(columns, False)
     goal = (11 + 3) * columns + 13 + 3
     flat = kernels.cheapest_moves(half, 3 * columns + 3, goal, moves)
     expected = oracles.search.cheapest_moves(density, (0, 0), (11, 13), 3)

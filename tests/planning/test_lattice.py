@@ -27,10 +27,10 @@ from locplan.planning.lattice import Lattice
 from locplan.planning.lattice_search import (
     LatticeSearch,
     MotionPrices,
-    centre_cells,
     compute_heading_angles,
+    find_centre_cells,
+    make_outline_masks,
     make_primitives,
-    outline_masks,
 )
 from locplan.planning.ompl.motions import Motions
 from locplan.planning.smoothing import smooth_path
@@ -302,14 +302,14 @@ def test_a_robot_that_cannot_stand_across_at_the_goal_does_so_beside_it(half, to
 def test_masks_are_kept_for_the_next_query_and_stay_as_they_are():
     costs, planner = cluttered(0, CAR), Lattice()
     found = make_primitives(16, CAR.turning_radius / costs.grid.resolution, False)
-    masks = outline_masks(costs.grid, LONG, found)
+    masks = make_outline_masks(costs.grid, LONG, found)
     before = masks.copy()
     cells = np.argwhere(np.isfinite(costs.density))[[0, -1]].tolist()
     planner.solve(costs, *(costs.grid.position(*cell) for cell in cells))
     same = OccupancyGrid(costs.grid.cells.copy(), costs.grid.resolution, costs.grid.origin)
-    assert outline_masks(same, Footprint(LONG.vertices.copy()), found) is masks
+    assert make_outline_masks(same, Footprint(LONG.vertices.copy()), found) is masks
     assert np.array_equal(masks, before)
-    assert outline_masks(cluttered(1, CAR).grid, LONG, found) is not masks
+    assert make_outline_masks(cluttered(1, CAR).grid, LONG, found) is not masks
 
 
 def test_ends_keep_their_headings_within_the_lattices():
@@ -466,7 +466,7 @@ def test_a_mask_is_set_just_where_the_outline_or_the_centre_meets_something(kine
         slots[each.source] = found.index(each) - [p.source for p in found].index(each.source)
         poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
         body = np.argwhere(find_swept_cells(LONG.vertices / costs.grid.resolution, poses, 15)) - 15
-        centre = centre_cells(each)
+        centre = find_centre_cells(each)
         bits = unpacked(ground.masks[each.source, :, :, slots[each.source]].copy())
         for row, col in itertools.product(range(rows), range(columns)):
             at = np.array([row, col]) + margin
@@ -653,7 +653,7 @@ def flooded(costs: Costmap, starts: list[tuple[int, int]]) -> list[np.ndarray]:
         met = np.zeros(shape, bool)
         for row, col in np.argwhere(find_swept_cells(corners, poses, reach)):
             met |= walls[row : row + shape[0], col : col + shape[1]]
-        for row, col in centre_cells(each) + reach:
+        for row, col in find_centre_cells(each) + reach:
             met |= blocked[row : row + shape[0], col : col + shape[1]]
         free = number[~met]
         sources.append(free + each.source * number.size)

@@ -183,7 +183,7 @@ from locplan.comparison.runs import run_from_plan
 from locplan.comparison.statistics import RUN_COLUMNS, Task
 from locplan.field.config import FieldConfig
 from locplan.field.sad import Gaussian
-from locplan.planning.metrics import LidarShare, lidars_table
+from locplan.planning.metrics import LidarShare, make_lidar_table
 from locplan.robots.presets import amcl_presets, describe_preset
 from locplan.simulation.race import CANDIDATE_COLUMNS
 
@@ -211,7 +211,7 @@ assert "gaussian" in config.title and "Gaussian(width=0.4)" in repr(config)
 weights = config.estimator.offset_weights(np.array([0, 254, 254000]), 0.05)
 assert 1 == weights[0] > weights[1] > 0.99 and weights[2] < 1e-10
 
-assert "beams" in str(lidars_table([LidarShare(locplan.Lidar.preset("turtlebot4"), 0.1)]))
+assert "beams" in str(make_lidar_table([LidarShare(locplan.Lidar.preset("turtlebot4"), 0.1)]))
 """
 
 

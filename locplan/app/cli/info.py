@@ -54,7 +54,7 @@ def info(
     from locplan._support.drawing import save_figure
     from locplan.planning.figures import info_figure
     from locplan.planning.map_info import describe_map
-    from locplan.planning.metrics import compare_lidars, lidars_table
+    from locplan.planning.metrics import compare_lidars, make_lidar_table
     from locplan.robots.robot import list_settings
 
     if settings:
@@ -80,7 +80,7 @@ def info(
             shares = compare_lidars(
                 described.grid, [*dict.fromkeys(compared)], robot=described_robot, progress=progress
             )
-        compared_table = lidars_table(shares)
+        compared_table = make_lidar_table(shares)
         lines.append(str(compared_table))
         values["lidars"] = compared_table.records()
     if target and target.is_file:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from locplan.app.explorer.plans import find_crossed_cells
-from locplan.planning.cost_to_go import farthest_pairs
+from locplan.planning.cost_to_go import find_farthest_pairs
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
 from locplan.planning.protocol import Position
@@ -84,7 +84,7 @@ def find_far_places(searches: PathSearches) -> list[Position]:
     parts = searches.scene.parts
     if not parts.largest:
         return []
-    pairs = farthest_pairs(parts.grid, parts.labels, parts.largest, NAMES, 0.0)
+    pairs = find_farthest_pairs(parts.grid, parts.labels, parts.largest, NAMES, 0.0)
     ends = [(place.x, place.y) for pair in pairs for place in (pair.start, pair.goal)]
     row, col = np.argwhere(parts.labels == parts.largest)[0].tolist()
     return list(dict.fromkeys(ends)) or [parts.grid.position(row, col)]

@@ -17,7 +17,7 @@ from locplan.field.compute import fill_chunks
 from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
 from locplan.field.tiles import find_unchanged_points
-from locplan.planning.costmap import Costmap, changed_window, join_windows
+from locplan.planning.costmap import Costmap, find_changed_window, join_windows
 
 STEPS = itertools.count(1)
 """Counter of repair steps."""
@@ -117,7 +117,7 @@ def repair_scene(
         field = CovarianceField.from_values(values, grid, config)
         free_memory()
         stale = join_windows(
-            scene.stale, changed_window(scene.costs.grid, field, scene.costs.robot_radius)
+            scene.stale, find_changed_window(scene.costs.grid, field, scene.costs.robot_radius)
         )
         if scene.site.zones == site.zones:
             costs = scene.costs.update(field, window=stale)

@@ -24,7 +24,7 @@ from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, UNKNOWN
 from locplan.maps.zones import Zones
 from locplan.planning.costmap import CellWindow, Costmap
-from locplan.planning.grid import connected_parts
+from locplan.planning.grid import label_connected_parts
 from locplan.planning.protocol import Position
 from locplan.robots.robot import Robot
 
@@ -269,7 +269,7 @@ class MapScene:
     @cached_property
     def parts(self) -> FreeParts:
         """The connected parts of the free space."""
-        return FreeParts(self.costs.grid, connected_parts(self.costs)[1])
+        return FreeParts(self.costs.grid, label_connected_parts(self.costs)[1])
 
     @cached_property
     def coarse(self) -> Costmap:

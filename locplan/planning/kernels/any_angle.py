@@ -124,7 +124,7 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: StraightMoves) ->
     move_to = np.full(half.size, -1, np.int8)
     is_settled = np.zeros(half.size, np.uint8)
     cost[start] = 0.0
-    per_cost, buckets = bucket_scale(half, lengths)
+    per_cost, buckets = compute_bucket_scale(half, lengths)
     if not buckets:
         return nothing  # the costs differ too much for buckets
     mask = np.uint64(buckets - 1)
@@ -185,7 +185,7 @@ def _touches(half: Floats, cell: int, touched: Array) -> bool:
 
 
 @njit(nogil=True, cache=True)
-def bucket_scale(half: Floats, lengths: Floats) -> tuple[float, int]:
+def compute_bucket_scale(half: Floats, lengths: Floats) -> tuple[float, int]:
     """Return the buckets per cost, and their number, a power of two (0: too many)."""
     longest = 0.0
     for move in range(len(lengths)):

@@ -41,8 +41,8 @@ def dubins(
             straight = distance if side == side1 else math.sqrt(max(0.0, distance**2 - 4))
             if side == side1 or distance >= 2:
                 tilt = 0.0 if side == side1 else side * math.atan2(2.0, straight)
-                first = _circle(side * (bearing + tilt - heading))
-                last = _circle(side1 * (heading1 - bearing - tilt))
+                first = _wrap_to_circle(side * (bearing + tilt - heading))
+                last = _wrap_to_circle(side1 * (heading1 - bearing - tilt))
                 if first + straight + last < shortest:
                     shortest = first + straight + last
                     turns[:3] = side, 0, side1
@@ -56,9 +56,9 @@ def dubins(
                     along - 2 * math.sin(middle_bearing), across - 2 * math.cos(middle_bearing)
                 )
                 leave, enter = middle_bearing + side * QUARTER, to_last - side * QUARTER
-                first = _circle(side * (leave - heading))
-                middle = _circle(side * (leave - enter))
-                last = _circle(side * (heading1 - enter))
+                first = _wrap_to_circle(side * (leave - heading))
+                middle = _wrap_to_circle(side * (leave - enter))
+                last = _wrap_to_circle(side * (heading1 - enter))
                 if first + middle + last < shortest:
                     shortest = first + middle + last
                     turns[:3] = side, -side, side
@@ -92,7 +92,7 @@ def reeds_shepp(
                         to_y = ahead * math.sin(turn_angle) - left * math.cos(turn_angle)
                     sides[:], parts[:] = 0, 0.0
                     to_x, to_y, to_heading = gear * to_x, mirror * to_y, gear * mirror * turn_angle
-                    if not _word(number, to_x, to_y, to_heading, sides, parts):
+                    if not _fill_word(number, to_x, to_y, to_heading, sides, parts):
                         continue
                     length = np.abs(parts).sum()
                     if length < shortest:
@@ -107,26 +107,26 @@ def reeds_shepp(
 
 
 @njit(nogil=True, cache=True)
-def _word(number: int, x: float, y: float, heading: float, sides: Array, parts: Array) -> bool:
+def _fill_word(number: int, x: float, y: float, heading: float, sides: Array, parts: Array) -> bool:
     """Fill in base word `number` from the origin to a pose; return False if it does not fit."""
     # The last circle's centre from the first one's, if both turn left, and if the last turns right.
     same = x - math.sin(heading), y - 1 + math.cos(heading)
     opposite = x + math.sin(heading), y - 1 - math.cos(heading)
     if number < 2:
-        return _straight_word(number, same, opposite, heading, sides, parts)
+        return _fill_straight_word(number, same, opposite, heading, sides, parts)
     if number < 5:
-        return _turning_word(number, same, opposite, heading, sides, parts)
-    return _quarter_word(number, same, opposite, heading, sides, parts)
+        return _fill_turning_word(number, same, opposite, heading, sides, parts)
+    return _fill_quarter_word(number, same, opposite, heading, sides, parts)
 
 
 @njit(nogil=True, cache=True)
-def _straight_word(
+def _fill_straight_word(
     number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
 ) -> bool:
     """Fill in a word of two turns around a straight: number 0 or 1."""
     if number == 0:  # 8.1: left, straight, left
         bearing = math.atan2(same[1], same[0])
-        first, last = _half(bearing), _half(heading - bearing)
+        first, last = _wrap_to_half_circles(bearing), _wrap_to_half_circles(heading - bearing)
         sides[:3] = 1, 0, 1
         parts[:3] = first, math.hypot(*same), last
         return first >= -SLACK and last >= -SLACK
@@ -134,15 +134,15 @@ def _straight_word(
     if across < 2:  # 8.2: left, straight, right
         return False
     straight = math.sqrt(across**2 - 4)
-    first = _half(towards + math.atan2(2.0, straight))
-    last = _half(first - heading)
+    first = _wrap_to_half_circles(towards + math.atan2(2.0, straight))
+    last = _wrap_to_half_circles(first - heading)
     sides[:3] = 1, 0, -1
     parts[:3] = first, straight, last
     return first >= -SLACK and last >= -SLACK
 
 
 @njit(nogil=True, cache=True)
-def _turning_word(
+def _fill_turning_word(
     number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
 ) -> bool:
     """Fill in a word of turns alone: number 2, 3 or 4."""
@@ -151,9 +151,9 @@ def _turning_word(
         if distance > 4:
             return False
         middle = -2 * math.asin(distance / 4)
-        first = _half(bearing + middle / 2 + math.pi)
+        first = _wrap_to_half_circles(bearing + middle / 2 + math.pi)
         sides[:3] = 1, -1, 1
-        parts[:3] = first, middle, _half(heading - first + middle)
+        parts[:3] = first, middle, _wrap_to_half_circles(heading - first + middle)
         return first >= -SLACK
     across = math.hypot(*opposite)
     sides[:4] = 1, -1, 1, -1
@@ -162,20 +162,20 @@ def _turning_word(
         if ratio > 1:
             return False
         middle = math.acos(ratio)
-        first, last = _outer_turns(middle, -middle, opposite, heading)
+        first, last = _compute_outer_turns(middle, -middle, opposite, heading)
         parts[:4] = first, middle, -middle, last
         return first >= -SLACK and last <= SLACK
     ratio = (20 - across**2) / 16  # 8.8: left, right and left in reverse, right, likewise
     if not 0 <= ratio <= 1:
         return False
     middle = -math.acos(ratio)
-    first, last = _outer_turns(middle, middle, opposite, heading)
+    first, last = _compute_outer_turns(middle, middle, opposite, heading)
     parts[:4] = first, middle, middle, last
     return first >= -SLACK and last >= -SLACK
 
 
 @njit(nogil=True, cache=True)
-def _quarter_word(
+def _fill_quarter_word(
     number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
 ) -> bool:
     """Fill in a word with quarters of a circle: number 5, 6 or 7."""
@@ -185,14 +185,14 @@ def _quarter_word(
         return False
     if number == 5:  # 8.9: left, a quarter right in reverse, straight, left
         over = math.sqrt(distance**2 - 4)
-        first = _half(bearing + math.atan2(over, -2.0))
-        last = _half(heading - QUARTER - first)
+        first = _wrap_to_half_circles(bearing + math.atan2(over, -2.0))
+        last = _wrap_to_half_circles(heading - QUARTER - first)
         sides[:4] = 1, -1, 0, 1
         parts[:4] = first, -QUARTER, 2 - over, last
         return first >= -SLACK and over >= 2 - SLACK and last <= SLACK
     if number == 6:  # 8.10: left, a quarter right in reverse, straight, right
         first = math.atan2(opposite[0], -opposite[1])
-        last = _half(first + QUARTER - heading)
+        last = _wrap_to_half_circles(first + QUARTER - heading)
         sides[:4] = 1, -1, 0, -1
         parts[:4] = first, -QUARTER, 2 - across, last
         return first >= -SLACK and last <= SLACK
@@ -202,36 +202,36 @@ def _quarter_word(
         return False
     towards_y = (4 - straight) * opposite[0] - 2 * opposite[1]
     towards_x = -2 * opposite[0] + (straight - 4) * opposite[1]
-    first = _half(math.atan2(towards_y, towards_x))
-    last = _half(first - heading)
+    first = _wrap_to_half_circles(math.atan2(towards_y, towards_x))
+    last = _wrap_to_half_circles(first - heading)
     sides[:] = 1, -1, 0, 1, -1
     parts[:] = first, -QUARTER, straight, -QUARTER, last
     return first >= -SLACK and last >= -SLACK
 
 
 @njit(nogil=True, cache=True)
-def _outer_turns(second: float, third: float, opposite: Numbers, heading: float) -> Numbers:
+def _compute_outer_turns(second: float, third: float, opposite: Numbers, heading: float) -> Numbers:
     """Return the first and last of four turns, whose middle two are known."""
     x, y = opposite
-    between = _half(second - third)
+    between = _wrap_to_half_circles(second - third)
     a = math.sin(second) - math.sin(between)
     b = math.cos(second) - math.cos(between) - 1
     first = math.atan2(y * a - x * b, x * a + y * b)
     if 2 * (math.cos(between) - math.cos(third) - math.cos(second)) + 3 < 0:
         first += math.pi
-    first = _half(first)
-    return first, _half(first - second + third - heading)
+    first = _wrap_to_half_circles(first)
+    return first, _wrap_to_half_circles(first - second + third - heading)
 
 
 @njit(nogil=True, cache=True)
-def _circle(angle: float) -> float:
+def _wrap_to_circle(angle: float) -> float:
     """Wrap an angle into 0..2 pi [rad]."""
     angle %= TURN
     return 0.0 if angle > TURN - SLACK else angle
 
 
 @njit(nogil=True, cache=True)
-def _half(angle: float) -> float:
+def _wrap_to_half_circles(angle: float) -> float:
     """Wrap an angle into -pi..pi [rad]."""
     return angle - TURN * round(angle / TURN)
 
@@ -266,19 +266,19 @@ def arc_crossings(
         middle = (at + until) / 2
         x_way = -1 if math.sin(middle) > 0 else 1
         y_way = 1 if math.cos(middle) > 0 else -1
-        x_line = _next_line(center_x + radius * math.cos(at), x_way)
-        y_line = _next_line(center_y + radius * math.sin(at), y_way)
-        x_at = _angle_at((x_line - center_x) / radius, middle, False)
-        y_at = _angle_at((y_line - center_y) / radius, middle, True)
+        x_line = _find_next_line(center_x + radius * math.cos(at), x_way)
+        y_line = _find_next_line(center_y + radius * math.sin(at), y_way)
+        x_at = _find_angle((x_line - center_x) / radius, middle, False)
+        y_at = _find_angle((y_line - center_y) / radius, middle, True)
         while min(x_at, y_at) < until:
             if x_at < y_at:
                 angles[count] = max(at, x_at)
                 x_line += x_way
-                x_at = _angle_at((x_line - center_x) / radius, middle, False)
+                x_at = _find_angle((x_line - center_x) / radius, middle, False)
             else:
                 angles[count] = max(at, y_at)
                 y_line += y_way
-                y_at = _angle_at((y_line - center_y) / radius, middle, True)
+                y_at = _find_angle((y_line - center_y) / radius, middle, True)
             count += 1
         angles[count] = at = until
         count += 1
@@ -314,13 +314,13 @@ def refine_angles(angles: Array, max_gap: float) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def _next_line(position: float, way: int) -> float:
+def _find_next_line(position: float, way: int) -> float:
     """Return the next border between cells along one axis."""
     return math.floor(position) + 1.0 if way > 0 else math.ceil(position) - 1.0
 
 
 @njit(nogil=True, cache=True)
-def _angle_at(ratio: float, near: float, of_sine: bool) -> float:
+def _find_angle(ratio: float, near: float, of_sine: bool) -> float:
     """Return the angle with sine (or cosine) `ratio`, in the quadrant of `near` or later."""
     if abs(ratio) >= 1:
         return np.inf

@@ -88,7 +88,7 @@ class StateQueue(NamedTuple):
     following: NDArray[np.int32]  # next entry of a bucket, or of those free again
 
 
-def new_queue(buckets: int, lowest: int) -> StateQueue:
+def make_queue(buckets: int, lowest: int) -> StateQueue:
     """Return an empty queue with a power of two of buckets."""
     return StateQueue(
         np.array([-1, 0, 0, lowest, 0, -1]),

@@ -47,7 +47,7 @@ def motion_cost(
         Poses at both ends; the start must lie on the grid.
     """
     if kind == STRAIGHT:
-        return _line_cost(ground, start, end)
+        return _compute_line_cost(ground, start, end)
     half, columns, first, corner_cutting = ground
     turns, lengths = find_shortest_word(kind, radius, start, end)
     x, y, heading = start
@@ -58,9 +58,9 @@ def motion_cost(
         x1, y1, heading1 = curves.advance_pose(x, y, heading, turns[n], lengths[n], radius)
         if turns[n]:
             piece = x, y, heading, turns[n], lengths[n]
-            total += arc_cost(ground, piece, radius)
+            total += compute_arc_cost(ground, piece, radius)
         else:
-            layer = half[_layer(heading - first, len(half))]
+            layer = half[_find_layer(heading - first, len(half))]
             total += segment_cost(layer, columns, y, x, y1, x1, corner_cutting)
         if total == np.inf:
             break
@@ -118,7 +118,7 @@ def find_shortest_word(
 
 
 @njit(nogil=True, cache=True)
-def _line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> float:
+def _compute_line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> float:
     """Return the cost of a straight line with an evenly turning heading, the shorter way round."""
     half, columns, first, corner_cutting = ground
     layers = len(half)
@@ -127,11 +127,11 @@ def _line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> float:
     heading = start[2] - first
     turn = end[2] - start[2]
     turn -= TURN * round(turn / TURN)
-    shares = np.sort(np.append(_changes(heading, turn, layers), np.array([0.0, 1.0])))
+    shares = np.sort(np.append(_find_layer_changes(heading, turn, layers), np.array([0.0, 1.0])))
     dx, dy = end[0] - start[0], end[1] - start[1]
     total = 0.0
     for n in range(len(shares) - 1):
-        layer = half[_layer(heading + turn * (shares[n] + shares[n + 1]) / 2, layers)]
+        layer = half[_find_layer(heading + turn * (shares[n] + shares[n + 1]) / 2, layers)]
         x0, y0 = start[0] + shares[n] * dx, start[1] + shares[n] * dy
         x1, y1 = start[0] + shares[n + 1] * dx, start[1] + shares[n + 1] * dy
         total += segment_cost(layer, columns, y0, x0, y1, x1, corner_cutting)
@@ -141,7 +141,7 @@ def _line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> float:
 
 
 @njit(nogil=True, cache=True)
-def arc_cost(ground: MotionGround, piece: Numbers, radius: float) -> float:
+def compute_arc_cost(ground: MotionGround, piece: Numbers, radius: float) -> float:
     """Return the cost of one turn (x, y, heading, side, length)."""
     half, columns, first, corner_cutting = ground
     x, y, heading, turn, length = piece
@@ -152,7 +152,7 @@ def arc_cost(ground: MotionGround, piece: Numbers, radius: float) -> float:
     angles = curves.arc_crossings(center_x, center_y, radius, low, high)
     towards = turn * QUARTER - first  # added to an angle on the circle it gives the heading there
     if layers > 1:
-        shares = _changes(low + towards, high - low, layers)
+        shares = _find_layer_changes(low + towards, high - low, layers)
         angles = np.sort(np.append(angles, low + shares * (high - low)))
     begin, end, way = (0, len(angles) - 1, 1) if turn * length > 0 else (len(angles) - 1, 0, -1)
     total, before_row, before_col = 0.0, -1, -1
@@ -164,7 +164,7 @@ def arc_cost(ground: MotionGround, piece: Numbers, radius: float) -> float:
         middle = (angles[n] + angles[n + way]) / 2
         row = math.floor(center_y + radius * math.sin(middle))
         col = math.floor(center_x + radius * math.cos(middle))
-        layer = half[_layer(middle + towards, layers)]
+        layer = half[_find_layer(middle + towards, layers)]
         at_corner = before_row >= 0 and row != before_row and col != before_col
         flanks = before_row * columns + col, row * columns + before_col
         if at_corner and not corner_cutting and layer[flanks[0]] + layer[flanks[1]] == np.inf:
@@ -177,13 +177,13 @@ def arc_cost(ground: MotionGround, piece: Numbers, radius: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def _layer(heading: float, layers: int) -> int:
+def _find_layer(heading: float, layers: int) -> int:
     """Return the layer nearest to `heading`, counted from the first layer's heading."""
     return math.floor(heading / TURN * layers + 0.5) % layers if layers > 1 else 0
 
 
 @njit(nogil=True, cache=True)
-def _changes(heading: float, turn: float, layers: int) -> Array:
+def _find_layer_changes(heading: float, turn: float, layers: int) -> Array:
     """Return the shares of a turn from a heading at which another layer begins."""
     begin, end = heading / TURN * layers + 0.5, (heading + turn) / TURN * layers + 0.5
     low, high = math.ceil(min(begin, end)), math.floor(max(begin, end))
@@ -193,7 +193,7 @@ def _changes(heading: float, turn: float, layers: int) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def world_cost(
+def compute_world_cost(
     half: Floats,
     columns: int,
     kind: int,
@@ -215,7 +215,7 @@ def world_cost(
         return blocked
     if not math.isfinite(heading0 + heading1):
         return blocked
-    ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
+    ends = _grid_from_world(frame, x0, y0, heading0), _grid_from_world(frame, x1, y1, heading1)
     cost = motion_cost(MotionGround(half, columns, -frame[4], False), kind, radius, *ends)
     cost /= math.hypot(frame[0], frame[1])
     if cost < np.inf and len(body.outline):
@@ -230,7 +230,7 @@ def world_cost(
 
 
 @njit(nogil=True, cache=True)
-def world_costs(
+def compute_world_costs(
     half: Floats,
     columns: int,
     kind: int,
@@ -245,16 +245,18 @@ def world_costs(
     for n, (i, j) in enumerate(pairs):
         start = poses[i, 0], poses[i, 1], poses[i, 2]
         end = poses[j, 0], poses[j, 1], poses[j, 2]
-        result[n] = world_cost(half, columns, kind, radius, frame, body, start, end, np.inf)
+        result[n] = compute_world_cost(half, columns, kind, radius, frame, body, start, end, np.inf)
     return result
 
 
 @njit(nogil=True, cache=True)
-def world_poses(kind: int, radius: float, frame: Numbers, start: Numbers, end: Numbers) -> Array:
-    """Return the poses (n, 3) in the world along the motion whose cost `world_cost` returns."""
+def sample_world_motion(
+    kind: int, radius: float, frame: Numbers, start: Numbers, end: Numbers
+) -> Array:
+    """Return poses (n, 3) in the world along the motion that `compute_world_cost` measures."""
     along, across, col0, row0, yaw = frame
     (x0, y0, heading0), (x1, y1, heading1) = start, end
-    ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
+    ends = _grid_from_world(frame, x0, y0, heading0), _grid_from_world(frame, x1, y1, heading1)
     poses = motion_poses(kind, radius, *ends)
     per_metre = along**2 + across**2
     for pose in poses:
@@ -268,7 +270,9 @@ def world_poses(kind: int, radius: float, frame: Numbers, start: Numbers, end: N
 
 
 @njit(nogil=True, cache=True)
-def _on_grid(frame: Numbers, x: float, y: float, heading: float) -> tuple[float, float, float]:
+def _grid_from_world(
+    frame: Numbers, x: float, y: float, heading: float
+) -> tuple[float, float, float]:
     along, across, col0, row0, yaw = frame
     heading -= yaw
     heading -= TURN * round(heading / TURN)
@@ -278,7 +282,7 @@ def _on_grid(frame: Numbers, x: float, y: float, heading: float) -> tuple[float,
 @njit(nogil=True, cache=True)
 def can_stand(half: Floats, columns: int, frame: Numbers, x: float, y: float) -> bool:
     """True if a position in the world [m] lies in a cell that is not blocked."""
-    x, y, _ = _on_grid(frame, x, y, 0.0)
+    x, y, _ = _grid_from_world(frame, x, y, 0.0)
     col, row = math.floor(x), math.floor(y)
     inside = 0 < col < columns - 1 and 0 < row < half.shape[1] // columns - 1
     return inside and half[0, int(row) * columns + int(col)] < np.inf

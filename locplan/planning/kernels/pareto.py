@@ -118,7 +118,7 @@ def _open_bucket(labels: Labels, terms: ParetoTerms) -> None:
             following[label], state[UNUSED] = state[UNUSED], label
         else:
             bound_first = labels.first[label] + first_to_go[cell]
-            _push(state, heap, label, bound_first, bound)
+            _push_label(state, heap, label, bound_first, bound)
         label = after
 
 
@@ -149,7 +149,7 @@ def _expand_heap(
             state[STATUS] = OUT_OF_LABELS
             break
         label, bound = heap[0][0], heap[2][0]
-        _pop(state, heap)
+        _pop_label(state, heap)
         cell = cells[label]
         if not _is_open(second[label], bound, lowest_second[cell], lowest_second[goal]):
             following[label], state[UNUSED] = state[UNUSED], label
@@ -187,7 +187,7 @@ def _expand_heap(
             bound_first = new_first + first_to_go[other]
             bucket = int(bound_first * (BUCKETS_A_CELL / SCALE))
             if bucket <= state[LOWEST]:
-                _push(state, heap, new, bound_first, bound)
+                _push_label(state, heap, new, bound_first, bound)
             else:
                 slot = bucket % BUCKETS
                 following[new], heads[slot] = heads[slot], new
@@ -220,7 +220,7 @@ def _comes_before(first: float, second: float, other_first: float, other_second:
 
 
 @njit(inline="always")
-def _push(state: Ints, of_heap: Numbers, label: int, first: float, second: float) -> None:
+def _push_label(state: Ints, of_heap: Numbers, label: int, first: float, second: float) -> None:
     heap, heap_first, heap_second = of_heap
     at = state[IN_HEAP]
     state[IN_HEAP] += 1
@@ -235,7 +235,7 @@ def _push(state: Ints, of_heap: Numbers, label: int, first: float, second: float
 
 
 @njit(inline="always")
-def _pop(state: Ints, of_heap: Numbers) -> None:
+def _pop_label(state: Ints, of_heap: Numbers) -> None:
     heap, heap_first, heap_second = of_heap
     state[IN_HEAP] -= 1
     last = state[IN_HEAP]

@@ -18,7 +18,7 @@ from locplan._support.kernels.rays import segment_cost
 from locplan.planning.kernels import curves
 from locplan.planning.kernels.motions import (
     MotionGround,
-    arc_cost,
+    compute_arc_cost,
     find_shortest_word,
     motion_poses,
 )
@@ -60,7 +60,7 @@ def compute_step_costs(ground: MotionGround, drive: MotionModel, poses: Floats) 
         tight = drive.turn == 0 and abs(turn) * drive.radius > length * (1 + 1e-3) + STILL
         if backward or tight or (now == 0 and not drive.sideways):
             continue
-        layer = _layer_at(ground, heading)
+        layer = _half_density_at(ground, heading)
         ends = poses[n, 1], poses[n, 0], poses[n + 1, 1], poses[n + 1, 0]
         # The path itself is taken as it is, also where it cuts a corner.
         cost = segment_cost(layer, ground.columns, *ends, True)
@@ -72,7 +72,7 @@ def compute_step_costs(ground: MotionGround, drive: MotionModel, poses: Floats) 
 
 
 @njit(nogil=True, cache=True)
-def _layer_at(ground: MotionGround, heading: float) -> Array:
+def _half_density_at(ground: MotionGround, heading: float) -> Array:
     """Return half the density for a heading."""
     layers = len(ground.half)
     layer_position = (heading - ground.first) / curves.TURN * layers
@@ -94,9 +94,9 @@ def curve_cost(ground: MotionGround, drive: MotionModel, start: Numbers, end: Nu
             total += drive.turn * abs(length) / drive.radius
         else:
             if turns[n] != 0:
-                cost = arc_cost(ground, (x, y, heading, turns[n], length), drive.radius)
+                cost = compute_arc_cost(ground, (x, y, heading, turns[n], length), drive.radius)
             else:
-                layer = _layer_at(ground, heading)
+                layer = _half_density_at(ground, heading)
                 cost = segment_cost(layer, ground.columns, y, x, y1, x1, False)
             total += cost * (1.0 if length > 0 else drive.reverse)
             total += drive.gear_change * (gear * length < 0)

@@ -95,9 +95,13 @@ class Motions:
         start, end : (x, y) or (x, y, heading)
             Poses in the world [m, rad]; a heading that is left out is 0.
         """
-        from locplan.planning.kernels.motions import world_cost
+        from locplan.planning.kernels.motions import compute_world_cost
 
-        return float(world_cost(*self.arguments, self.body, _pose(start), _pose(end), math.inf))
+        return float(
+            compute_world_cost(
+                *self.arguments, self.body, _complete_pose(start), _complete_pose(end), math.inf
+            )
+        )
 
     def is_free(self, x: float, y: float) -> bool:
         """Return whether the robot can stand at a position.
@@ -140,9 +144,9 @@ class Motions:
         (m,) array
             Cost of each motion [m]; infinite if it is blocked.
         """
-        from locplan.planning.kernels.motions import world_costs
+        from locplan.planning.kernels.motions import compute_world_costs
 
-        return np.asarray(world_costs(*self.arguments, self.body, poses, pairs))
+        return np.asarray(compute_world_costs(*self.arguments, self.body, poses, pairs))
 
     def path(self, poses: Floats) -> Path:
         """Return the path of the motions through poses; its lines cross the cells of the curves.
@@ -152,13 +156,13 @@ class Motions:
         poses : (n, 3) array
             x, y and heading of each pose in the world, n >= 2 [m, m, rad].
         """
-        from locplan.planning.kernels.motions import world_poses
+        from locplan.planning.kernels.motions import sample_world_motion
 
         if self.space == "R2":
             return Path(poses[:, :2])
         if self.space in CURVED:
             pieces = [
-                world_poses(*self.arguments[2:], _pose(start), _pose(end))
+                sample_world_motion(*self.arguments[2:], _complete_pose(start), _complete_pose(end))
                 for start, end in itertools.pairwise(poses)
             ]
             poses = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
@@ -194,7 +198,7 @@ class Motions:
         return half, grid.shape[1] + 2, kind, radius, frame
 
 
-def _pose(pose: Iterable[float]) -> tuple[float, float, float]:
+def _complete_pose(pose: Iterable[float]) -> tuple[float, float, float]:
     """Return a pose as three floats; without a heading, that is 0."""
     x, y, heading = map(float, (*pose, 0.0)[:3])
     return x, y, heading

@@ -16,7 +16,7 @@ from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.any_angle import AnyAngle, straighten_path
 from locplan.planning.costmap import Costmap
-from locplan.planning.grid import blank_costs, connected_parts, find_cheapest_cells, grid_path
+from locplan.planning.grid import blank_costs, find_cheapest_cells, grid_path, label_connected_parts
 from locplan.planning.lattice import Lattice
 from locplan.planning.metrics import path_metrics
 from locplan.planning.ompl.kinds import KINDS
@@ -154,7 +154,7 @@ class Ompl:
         from locplan.planning.ompl.roadmap import grow_roadmap
 
         motions = Motions(costs, self.space, self.turning_radius)
-        _, part = connected_parts(costs)
+        _, part = label_connected_parts(costs)
         path_candidate, goal_part = (part[costs.grid.cell(pose[:2])] for pose in (start, goal))
         if path_candidate != goal_part:
             return PlannerResult(
@@ -177,7 +177,7 @@ class Ompl:
             )
             poses = roadmap.find_path_poses(start, goal)
         else:
-            poses = _by_tree(self, motions, start, goal, limits, ahead)
+            poses = _plan_by_tree(self, motions, start, goal, limits, ahead)
         paths = seed_paths if poses is None else [motions.path(poses), *seed_paths]
         if not paths:
             limits_text = limits.description()
@@ -215,7 +215,7 @@ class Ompl:
         )  # the lattice's ends may be off a little
 
 
-def _by_tree(
+def _plan_by_tree(
     planner: Ompl,
     motions: Motions,
     start: Position,
@@ -227,7 +227,7 @@ def _by_tree(
     from locplan.planning.ompl.settings import base, log_messages, make_ompl_planner, util
     from locplan.planning.ompl.setup import (
         SeededGoal,
-        pose_reader,
+        make_pose_reader,
         problem_definition,
         space_information,
     )
@@ -251,7 +251,7 @@ def _by_tree(
             raise LocplanError(f"OMPL refuses {start} or {goal} as a state in {motions.space}")
         if status != kinds.EXACT_SOLUTION:
             return None
-        path, pose = problem.getSolutionPath(), pose_reader(motions.space)
+        path, pose = problem.getSolutionPath(), make_pose_reader(motions.space)
         poses = np.array([pose(path.getState(n)) for n in range(path.getStateCount())])
     poses[[0, -1], : len(start)] = start, goal
     return poses

@@ -27,7 +27,7 @@ from locplan.planning.ompl.settings import (
     make_ompl_planner,
     util,
 )
-from locplan.planning.ompl.setup import pose_reader, space_information
+from locplan.planning.ompl.setup import make_pose_reader, space_information
 from locplan.planning.ompl.stopping import SearchLimits
 from locplan.planning.protocol import CURVED, PlannerResult, Position
 from locplan.planning.results import Plan, make_plan
@@ -177,7 +177,7 @@ def grow_roadmap(
         # Reading the roadmap and its costs takes most of the rest.
         ends = limits.condition(share=0.5)
         growing.growRoadmapPtc(base.PlannerTerminationCondition(ends))
-        poses, pairs = _vertices_and_edges(growing, information, motions.space)
+        poses, pairs = _read_roadmap(growing, information, motions.space)
     if ahead is not None:
         along = np.arange(len(poses), len(poses) + len(ahead))
         poses = np.vstack([poses, np.column_stack([ahead, np.zeros(len(ahead))])])
@@ -190,13 +190,13 @@ def grow_roadmap(
     return Roadmap(motions, poses, graph)
 
 
-def _vertices_and_edges(
+def _read_roadmap(
     planner: base.Planner, information: base.SpaceInformation, space: str
 ) -> tuple[Floats, Ints]:
     """Return the poses (n, 3) of a roadmap, and its pairs (m, 2) in both directions."""
     data = base.PlannerData(information)
     planner.getPlannerData(data)
-    pose = pose_reader(space)
+    pose = make_pose_reader(space)
     count = data.numVertices()
     poses = np.array([pose(data.getVertex(n).getState()) for n in range(count)]).reshape(count, 3)
     neighbours = [data.getEdges(n) for n in range(count)]

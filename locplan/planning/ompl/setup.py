@@ -109,7 +109,7 @@ def space_information(motions: Motions) -> base.SpaceInformation:
     """
     from locplan.planning.kernels.motions import can_stand
 
-    pose, (half, columns, _, _, frame) = pose_reader(motions.space), motions.arguments
+    pose, (half, columns, _, _, frame) = make_pose_reader(motions.space), motions.arguments
 
     def is_free(state: base.State) -> bool:
         x, y, _ = pose(state)
@@ -175,7 +175,7 @@ def write_pose(state: base.State, space: str, pose: Position) -> None:
         state.setYaw(wrap_heading(float(pose[2])))
 
 
-def pose_reader(space: str) -> Callable[[base.State], Pose]:
+def make_pose_reader(space: str) -> Callable[[base.State], Pose]:
     """Make the function that reads a state as (x, y, heading); in "R2" the heading is 0."""
     if space == "R2":
         return lambda state: (state[0], state[1], 0.0)
@@ -184,19 +184,23 @@ def pose_reader(space: str) -> Callable[[base.State], Pose]:
 
 def _make_cost_function(motions: Motions) -> Callable[[base.State, base.State], float]:
     """Make the function of J between two states, finite and fast: it is called all the time."""
-    from locplan.planning.kernels.motions import world_cost
+    from locplan.planning.kernels.motions import compute_world_cost
 
     half, columns, kind, radius, frame = motions.arguments
     body = motions.body
 
     def between_positions(state: base.State, other: base.State) -> float:
         start, end = (state[0], state[1], 0.0), (other[0], other[1], 0.0)
-        return float(world_cost(half, columns, kind, radius, frame, body, start, end, BLOCKED))
+        return float(
+            compute_world_cost(half, columns, kind, radius, frame, body, start, end, BLOCKED)
+        )
 
     def between_poses(state: base.State, other: base.State) -> float:
         start = state.getX(), state.getY(), state.getYaw()
         end = other.getX(), other.getY(), other.getYaw()
-        return float(world_cost(half, columns, kind, radius, frame, body, start, end, BLOCKED))
+        return float(
+            compute_world_cost(half, columns, kind, radius, frame, body, start, end, BLOCKED)
+        )
 
     return between_positions if motions.space == "R2" else between_poses
 
