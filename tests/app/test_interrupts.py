@@ -33,11 +33,11 @@ def stuck(*_, **__):
     with_lock_held.pthread_mutex_lock(lock)
 """
 SUPERVISED = """
-from locplan._support.supervision import supervised
+from locplan._support.supervision import run_supervised
 def work():
     {work}
 from locplan.__main__ import clear
-sys.exit(supervised(work, clear))
+sys.exit(run_supervised(work, clear))
 """
 
 
