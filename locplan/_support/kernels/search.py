@@ -33,7 +33,8 @@ MOVES = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1))
 """The steps to the neighbours, as rows and columns."""
 ROWS = (-1, -1, -1, 0, 0, 1, 1, 1)
 COLUMNS = (-1, 0, 1, -1, 1, -1, 0, 1)
-"""The same in the order of rows and columns, in which `locplan._support.kernels.ways.trace_path` takes
+"""The same in the order of rows and columns, in which `locplan._support.kernels.ways.trace_path`
+takes
 the first of those that cost the same; a byte that holds steps has a bit for each."""
 LENGTHS = (SQRT2, 1.0, SQRT2, 1.0, 1.0, SQRT2, 1.0, SQRT2)
 _LENGTHS = (1.0,) * 4 + (SQRT2,) * 4
