@@ -124,7 +124,7 @@ def describe_report(
     """Return the report of the session, with the paths of its routes."""
     report = session.opening.report
     if report is None:
-        raise ConfigError("the page was opened without a report; open it with --check")
+        raise ConfigError("the page has no report; open it on the folder of a check")
     facts = report.facts
     costs = Costmap.blank(session.original.grid, robot=report.robot)
     routes = []

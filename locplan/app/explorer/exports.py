@@ -34,7 +34,7 @@ def export_masks(
     opening, site = session.opening, scene.site
     scene.check_field()
     if opening.folder is None:
-        raise ConfigError("exports need an output folder; open the page with --output")
+        raise ConfigError("exports need an output folder; open the page with one")
     distro = cast(Distro, question.choice("distro", get_args(Distro), DISTRO))
     costs = scene.costs.with_weight(read_weight(question, scene))
     job.progress(0, 1)

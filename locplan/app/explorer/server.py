@@ -253,7 +253,7 @@ def _open_listener(port: int) -> socket.socket:
         return socket.create_server(("127.0.0.1", port), backlog=64)
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else error
-        raise ConfigError(f"port {port} cannot be used ({reason}); choose another --port") from None
+        raise ConfigError(f"port {port} cannot be used ({reason}); choose another port") from None
 
 
 def _answer_missing() -> Response:

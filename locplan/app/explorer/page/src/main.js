@@ -25,7 +25,7 @@ async function start() {
 	try {
 		about.value = await fetchAbout();
 	} catch {
-		document.body.textContent = "The server does not answer. Run locplan explore again and open the new address.";
+		document.body.textContent = "The server does not answer. Start it again and open its new address.";
 		return;
 	}
 	document.title = `${mapName()} – locplan`;
