@@ -94,7 +94,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     given += ["--zones", tmp_path / "zones.geojson"]
     code, out, err = run("explore", map_file, *given)
     assert code == 0
-    assert err.startswith("locplan: the page opens in your browser. If not, open the address above.")
+    assert err.startswith("locplan: the page opens in your browser. If not, open the address")
     session = seen["page"].session
     assert out == f"{seen['page'].address}\n"
     assert seen["open"]
