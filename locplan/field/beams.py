@@ -66,7 +66,7 @@ class LidarEstimator(Estimator):
         return self.window.to_lattice(resolution)
 
     def perfect(self, lattice: OffsetLattice) -> Floats:
-        """Deviations of 0.05 m, or of the lattice's steps where these are coarser, (d, d).
+        """Return deviations of 0.05 m, or of the lattice's steps if these are coarser, (d, d).
 
         See `locplan.field.Estimator.perfect`.
         """
@@ -75,7 +75,7 @@ class LidarEstimator(Estimator):
         return deviations
 
     def identity(self) -> dict[str, object]:
-        """The settings as they count; of the lidar, those that decide what its beams meet."""
+        """Return the effective settings, and the lidar's settings that decide where beams end."""
         view = ("range", "min_range", "field_of_view_deg", "beams")
         mount = ("mount_x", "mount_y", "mount_yaw_deg")
         return {
@@ -86,7 +86,7 @@ class LidarEstimator(Estimator):
         }
 
     def sigma(self, resolution: float) -> float:
-        """Standard deviation of a beam's end that counts, at least a cell [m].
+        """Return the effective standard deviation of a beam's end, at least a cell [m].
 
         Parameters
         ----------
@@ -97,6 +97,7 @@ class LidarEstimator(Estimator):
 
     @cached_property
     def _beams(self) -> ComparedBeams:
+        """The beams that count."""
         return ComparedBeams.from_lidar(self.lidar, self.max_beams)
 
     @property
@@ -106,14 +107,14 @@ class LidarEstimator(Estimator):
 
     @property
     def beam_numbers(self) -> Ints:
-        """Numbers of a real lidar's beams that count, those nearest to the simulated ones, (n,)."""
+        """Indices of a real lidar's beams that are nearest to the simulated ones, (n,)."""
         return self._beams.nearest_beam_numbers(self.lidar)
 
     @property
     def temperature(self) -> float:
         """Factor on the log-likelihood of the beams that count.
 
-        It is the same for all fields of view, so that each beam more tells more.
+        It is the same for all fields of view, so that each further beam adds information.
         """
         return min(1.0, self.effective_beams * self._beams.pitch_deg / 180)
 
@@ -132,11 +133,11 @@ class LidarEstimator(Estimator):
 
     @property
     def headings(self) -> int:
-        """Default number of headings: 1 where the lidar sees the same in all, otherwise 8."""
+        """Default number of headings: 1 if the lidar sees the same at all of them, otherwise 8."""
         return 1 if self.lidar.is_heading_independent else 8
 
     def beams(self) -> Any:
-        """The simulated lidar with the beams that count, in the form that the kernels take."""
+        """Return the simulated lidar with the beams that count, as the kernels take it."""
         angles, yaw = self._beams.angles_and_yaw(self.lidar)
         return self.lidar.for_kernels()._replace(angles=angles, yaw=yaw)
 
@@ -145,10 +146,10 @@ class LidarEstimator(Estimator):
 class ComparedBeams:
     """The beams of a lidar that count.
 
-    Their bearings are places of one lattice, whose points lie half a pitch from the robot's axis,
-    one pitch from each other, and whole in a quarter turn. So a part of a field of view has a part
-    of the beams, and never tells more than all of it; and what a lidar sees turns with a map.
-    A lidar whose own beams are one pitch apart keeps them.
+    Their bearings lie on one lattice: the first point is half a pitch from the robot's axis, and a
+    quarter turn is a whole number of pitches. A part of a field of view therefore has a part of the
+    beams and never more information than all of it, and results turn with the map. A lidar whose
+    beams are one pitch apart keeps them.
     """
 
     pitch_deg: float
@@ -188,13 +189,13 @@ class ComparedBeams:
         return cls(pitch, places if places.size else np.array([middle]), False)
 
     def angles_and_yaw(self, lidar: Lidar) -> tuple[Floats, float]:
-        """Angles of the beams (n,) from an axis, and the axis' angle on the robot [rad]."""
+        """Return the beams' angles (n,) from an axis, and the axis' angle on the robot [rad]."""
         if self.are_lidar_beams:
             return lidar.angles, lidar.mount_yaw
         return np.radians((self.places + 0.5) * self.pitch_deg), 0.0
 
     def nearest_beam_numbers(self, lidar: Lidar) -> Ints:
-        """Numbers of the lidar's own beams that are nearest to these, rising."""
+        """Return the sorted indices of the lidar's beams that are nearest to these."""
         if self.are_lidar_beams:
             return self.places
         on_lidar = (self.places + 0.5) * self.pitch_deg - lidar.mount_yaw_deg
@@ -205,10 +206,10 @@ class ComparedBeams:
         return np.unique(np.clip(numbers, 0, lidar.beams - 1))
 
     def compute_symmetry_places(self, lidar: Lidar) -> Ints:
-        """Places of the beams from an axis, 1 beside it; beams that a symmetry exchanges have one.
+        """Return the places of the beams from an axis, 1 next to it; symmetric beams share one.
 
-        The axis is the middle of own beams, or the robot's. Where a lidar sees all round, quarter
-        turns are symmetries, too.
+        The axis is the middle of the lidar's beams, or the robot's axis. For a lidar that sees all
+        round, quarter turns are symmetries as well.
         """
         half_pitches = abs(2 * self.places + 1)
         if self.are_lidar_beams:
@@ -220,7 +221,7 @@ class ComparedBeams:
 
 
 def compute_beam_reach(lidar: Lidar, resolution: float) -> int:
-    """Maximum distance from the robot's cell to the end of a beam [cells]."""
+    """Return the maximum distance from the robot's cell to the end of a beam [cells]."""
     lever = math.hypot(lidar.mount_x, lidar.mount_y)
     return math.ceil((lidar.range + lever) / resolution) + 2
 
@@ -237,7 +238,7 @@ def find_surface_normals(occupied: Bools) -> Singles:
     """Find the unit normal of the surface at each occupied cell, without a sign.
 
     It is the main axis of the structure tensor (Bigün and Granlund, 1987) over the widest window
-    in which the surface is straight and faces the same way as in the narrower ones. The steps of
+    with a straight surface that faces the same way as in the narrower windows. The steps of
     slanting walls turn a narrow window's axis by degrees, so that a bare slanting corridor would
     seem to fix the position along it. A wide window alone would smooth away real door frames.
 
@@ -251,7 +252,7 @@ def find_surface_normals(occupied: Bools) -> Singles:
     Returns
     -------
     (H, W, 2) array
-        The components (row, col), zero where a cell is not occupied or has no direction.
+        The components (row, col), zero for cells that are not occupied or have no direction.
     """
     rows, cols = occupied.shape
     normals = np.zeros((*occupied.shape, 2), np.float32)
@@ -285,6 +286,7 @@ def find_wall_cells(occupied: Bools) -> Octets:
 
 
 def _compute_normals(occupied: Bools) -> Singles:
+    """Compute the normals of a band of the map."""
     import cv2
 
     edge: Any = {"borderType": cv2.BORDER_REPLICATE}
@@ -315,6 +317,7 @@ def _compute_normals(occupied: Bools) -> Singles:
 
 
 def _sum_windows(tensor: Floats, width: int) -> Floats:
+    """Sum a tensor over square windows."""
     import cv2
 
     edge: Any = {"borderType": cv2.BORDER_REPLICATE}
@@ -322,7 +325,7 @@ def _sum_windows(tensor: Floats, width: int) -> Floats:
 
 
 def _compute_main_axes(tensors: Floats) -> tuple[Floats, Floats]:
-    """Unit vectors of the axes' doubled angles, (n, 2), and agreement of the slopes, 0..1."""
+    """Return unit vectors of the axes' doubled angles, (n, 2), and the slopes' agreement, 0..1."""
     length = np.hypot(tensors[:, 0], tensors[:, 1])
     axes = tensors[:, :2] / np.maximum(length, 1.0)[:, None]
     return axes, length / np.maximum(tensors[:, 2], 1.0)

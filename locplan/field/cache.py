@@ -1,8 +1,8 @@
-"""The cache of results: one .npz file each, named by the digest of all that decides its values.
+"""The cache of results: one .npz file each, named by the digest of all inputs.
 
 `load_or_compute_result` is the rule that fields and trajectories share. `KEY.npz` is a result.
-`KEY.parts` is the folder of the finished parts of an unfinished one. Files of other names are left
-alone.
+`KEY.parts` is the folder of the finished parts of an unfinished one. Files with further names are
+not touched.
 """
 
 from __future__ import annotations
@@ -42,16 +42,17 @@ _PATIENCE = 0.3
 
 
 class CacheWarning(UserWarning):
-    """Warning that the cache cannot be used as intended; the result is right all the same."""
+    """Warning that the cache cannot be used as intended; the result is correct anyway."""
 
 
 def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
-    """The folder of cached results.
+    """Return the folder of cached results.
 
     Parameters
     ----------
     cache_dir : path, optional
-        The folder; by default LOCPLAN_CACHE of the environment, or else the user's cache folder.
+        The folder; by default the environment's LOCPLAN_CACHE, or without it the user's cache
+        folder.
 
     Raises
     ------
@@ -70,7 +71,7 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
 
 
 def cache_limit() -> int:
-    """Maximum size of the folder [bytes]: LOCPLAN_CACHE_SIZE, such as 500 MB, or else 5 GB."""
+    """Return the maximum size of the folder [bytes]: LOCPLAN_CACHE_SIZE (as 500 MB), or 5 GB."""
     text = os.environ.get("LOCPLAN_CACHE_SIZE") or "5 GB"
     match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d*)?)\s*([KMGT]?|[KMGT]I)B?\s*", text.upper())
     if not match:
@@ -91,8 +92,8 @@ def load_or_compute_result(
 ) -> T:
     """Load a result from the cache, or compute it and save it there.
 
-    One process computes it, and the others wait and load it. A cache that cannot be written is a
-    warning, and so is a damaged file, which is computed again.
+    One process computes it, while all further processes wait and then load it. A cache that cannot
+    be written causes a warning, and so does a damaged file, which is computed again.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def load_or_compute_result(
 
 
 def _is_saved(path: Path, result: T, save: Callable[[Path, T], None]) -> bool:
-    """True if the result could be written; the user is warned otherwise."""
+    """True if the result could be written; otherwise warn."""
     try:
         save(path, result)
     except LocplanError as error:
@@ -146,7 +147,7 @@ def _is_saved(path: Path, result: T, save: Callable[[Path, T], None]) -> bool:
 
 @contextmanager
 def _hold_lock(path: Path, waiting: Callable[[], None]) -> Iterator[bool]:
-    """Wait until no other process computes this result; yield whether the cache can be written."""
+    """Wait until no process computes this result; yield True if the cache can be written."""
     from filelock import Timeout
 
     lock = None
@@ -173,7 +174,7 @@ def _warn(message: str) -> None:
 
 
 def make_lock(path: Path) -> BaseFileLock:
-    """Lock that a process holds while it computes an entry; the system frees it when that ends.
+    """Return the lock of an entry; the system frees it when the process that holds it ends.
 
     Lock files are empty and are kept: if one were removed while another process opens it, two
     processes could hold the lock.
@@ -187,7 +188,7 @@ def make_lock(path: Path) -> BaseFileLock:
 
 @dataclass(frozen=True)
 class CacheEntry:
-    """A result in the cache, parts of one, or a leftover of an earlier version."""
+    """A file or folder in the cache: a result, parts of one, or an earlier version's leftover."""
 
     path: Path
     """The result's file, or the folder of the parts or the leftover."""
@@ -198,7 +199,7 @@ class CacheEntry:
 
     @classmethod
     def from_path(cls, path: Path) -> CacheEntry:
-        """Look at the entry at a path.
+        """Read the entry at a path.
 
         Parameters
         ----------
@@ -210,7 +211,7 @@ class CacheEntry:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """Description of the result or of its parts; empty where there is none that can be read."""
+        """Description of the result or of its parts; empty if none can be read."""
         if self.path.suffix not in (RESULT, PARTS):
             return {}
         file = max(_list_files(self.path), default=self.path)
@@ -229,14 +230,14 @@ class CacheEntry:
 
     @property
     def finished_share(self) -> float | None:
-        """Finished share, 0..1; None where it is not known."""
+        """Finished share, 0..1; None if unknown."""
         share = self.about.get("finished_share")
         if isinstance(share, float) and 0 <= share <= 1:
             return share
         return 1.0 if self.about and self.path.suffix == RESULT else None
 
     def to_json(self) -> dict[str, Any]:
-        """The entry, fit for JSON."""
+        """Return the entry, fit for JSON."""
         return {
             "file": str(self.path),
             "kind": self.kind,
@@ -253,7 +254,7 @@ class CacheEntry:
 
 
 def list_cache_entries(folder: Path) -> list[CacheEntry]:
-    """All entries of a cache, the last used first.
+    """List all entries of a cache, the last used first.
 
     Parameters
     ----------
@@ -269,7 +270,7 @@ def list_cache_entries(folder: Path) -> list[CacheEntry]:
 
 
 def format_cache_table(cached_results: Sequence[CacheEntry], folder: Path) -> str:
-    """Table of entries with sizes and times of use, and how full the cache is.
+    """Return a table of entries with sizes and times of use, and the size of the cache.
 
     Parameters
     ----------
@@ -296,7 +297,7 @@ def format_cache_table(cached_results: Sequence[CacheEntry], folder: Path) -> st
 
 
 def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list[CacheEntry]]:
-    """Remove cached results, except those that are being computed.
+    """Remove cached results, except for results that are being computed.
 
     Parameters
     ----------
@@ -308,7 +309,7 @@ def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list
     Returns
     -------
     removed, busy : list of CacheEntry
-        The results that were removed, and those that are being computed.
+        The removed results, and the results that are being computed.
     """
     removed: list[CacheEntry] = []
     busy: list[CacheEntry] = []
@@ -346,11 +347,12 @@ def remove(path: Path) -> bool:
 
 
 def _list_files(folder: Path) -> list[Path]:
+    """List the files in a folder."""
     return [Path(at, name) for at, _, names in os.walk(folder) for name in names]
 
 
 def _read_size_and_time(path: Path) -> tuple[int, float]:
-    """Size [bytes] and time of the last change [s] of a file; zeros if it has been removed."""
+    """Return size [bytes] and time of the last change [s] of a file; zeros if it is gone."""
     try:
         status = path.stat()
     except OSError:

@@ -1,4 +1,4 @@
-"""Computing a field tile by tile: in threads, or by any executor of concurrent.futures."""
+"""Computation of a field tile by tile: in threads, or by any executor of concurrent.futures."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _Points = tuple[NDArray[np.intp], NDArray[np.intp]]
 def find_standing_cells(
     free: Bools, rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Cells to put a lidar on: each cell, or the nearest free one within `reach` rows and columns.
+    """Return cells to put a lidar on: each cell, or the nearest free one within `reach` cells.
 
-    A lattice point in a wall serves free cells beside it; a lidar inside the wall sees nothing.
+    A lattice point in a wall serves free cells next to it; a lidar inside the wall sees nothing.
     """
     rows, cols = rows.copy(), cols.copy()
     for n in np.flatnonzero(~free[rows, cols]):
@@ -54,12 +54,12 @@ def fill_chunks(
 ) -> Generator[Chunk]:
     """Compute the missing values, and yield each chunk of the lattice when it is finished.
 
-    For the other parameters see `covariance_field`.
+    For all further parameters see `covariance_field`.
 
     Parameters
     ----------
     values : mapping of str to array
-        Values by name on the lattice, (h, w, ...), filled in place where they are NaN.
+        Values by name on the lattice, (h, w, ...); NaN is replaced in place.
     required : (h, w) bool array
         Lattice points that are computed.
     """
@@ -81,9 +81,9 @@ def compute_chunks(
 ) -> Generator[tuple[Chunk, _Points, Values]]:
     """Yield the chunks of the missing lattice points (h, w), with the points and their values.
 
-    The values depend neither on the chunks nor on where they are computed. Threads of this process
-    count their cells as they go and stop at once when the caller does; an executor finishes the
-    tiles that it has begun. Covariances are in the world frame.
+    The values depend neither on the chunks nor on the executor. Threads of this process count their
+    cells as they go and stop at once when the caller does; an executor finishes the tiles that it
+    has begun. Covariances are in the world frame.
     """
     threads = check_threads(threads)
     total, finished, yaw = int(missing.sum()), 0, grid.origin[2]
@@ -144,7 +144,9 @@ def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
 def make_map_part(
     grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object
 ) -> MapPart:
-    """Cells of some lattice points, with all that is prepared or the piece of the map they need."""
+    """Return some lattice points with the prepared data, or with the part of the map that they
+    need.
+    """
     stride = config.stride_cells(grid.resolution)
     rows, cols = (index * stride for index in points)
     if config.estimator.casts_rays:
@@ -160,7 +162,7 @@ def make_map_part(
 
 @contextmanager
 def _one_line_errors(executor: Executor | None) -> Iterator[None]:
-    """Turn any failure of a foreign executor into an error of one line."""
+    """Turn any failure of a user's executor into an error of one line."""
     try:
         yield
     except LocplanError:

@@ -1,4 +1,4 @@
-"""The settings of a covariance field, checked when they are made: as JSON files, options, and code.
+"""The settings of a covariance field, checked when they are made, in JSON files, options and code.
 
 Every command accepts such a file.
 """
@@ -48,7 +48,7 @@ SHORT_LIDAR = Lidar(range=PAPER_RANGE, range_sigma=0.025)
 
 @dataclass(frozen=True, repr=False)
 class FieldConfig(Settings):
-    """Settings of a covariance field: its estimator, and where it is evaluated.
+    """Settings of a covariance field: its estimator, spacing and headings.
 
     Functions that take a FieldConfig also take an estimator, for ``FieldConfig(estimator)``.
 
@@ -101,7 +101,7 @@ class FieldConfig(Settings):
 
     @property
     def heading_angles(self) -> Floats:
-        """World headings that a field has covariances for, (headings,) [rad]."""
+        """Headings in the world that a field has covariances for, (headings,) [rad]."""
         return 2 * np.pi * np.arange(self.headings) / self.headings
 
     @property
@@ -111,7 +111,7 @@ class FieldConfig(Settings):
         return f"{self.estimator.title}{several}"
 
     def stride_cells(self, resolution: float) -> int:
-        """Spacing of the evaluated cells, at least 1 [cells].
+        """Return the spacing of the evaluated cells, at least 1 [cells].
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class FieldConfig(Settings):
         return stride_cells(self.stride, resolution)
 
     def lattice_points(self, grid: OccupancyGrid, poses: ArrayLike | None = None) -> Bools:
-        """Mask of the lattice points that a field of a map has values at, (h, w).
+        """Return the mask of the lattice points that a field of a map has values at, (h, w).
 
         Parameters
         ----------
@@ -143,18 +143,18 @@ class FieldConfig(Settings):
         return near
 
     def to_json(self) -> dict[str, object]:
-        """All settings, fit for JSON."""
+        """Return all settings, fit for JSON."""
         return dict_from_settings(self)
 
     @classmethod
     def from_json(cls, settings: Mapping[str, object]) -> FieldConfig:
-        """Make a config from what `to_json` returned.
+        """Make a config from the result of `to_json`.
 
         Parameters
         ----------
         settings : mapping
-            Settings by name; those that are missing take their defaults. "estimator" is a mapping
-            with the estimator's "name" and settings.
+            Settings by name; missing ones take their defaults. "estimator" is a mapping with the
+            estimator's "name" and settings.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class FieldConfig(Settings):
 
 
 def config_from_settings(settings: FieldConfig | Estimator | None) -> FieldConfig:
-    """Take the settings of a field in any form that functions accept.
+    """Return the settings of a field from any form that functions accept.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def config_from_settings(settings: FieldConfig | Estimator | None) -> FieldConfi
     Raises
     ------
     ConfigError
-        If it is something else.
+        If the form is unknown.
     """
     if settings is None or isinstance(settings, Estimator):
         return FieldConfig() if settings is None else FieldConfig(settings)
@@ -192,7 +192,7 @@ def config_from_settings(settings: FieldConfig | Estimator | None) -> FieldConfi
 
 
 def lidar_from_config(config: FieldConfig | None) -> Lidar:
-    """The lidar of a field's settings, or a short one of the range that its estimator reads.
+    """Return the lidar of a field's settings, or a short one with the range of its estimator.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def lidar_from_config(config: FieldConfig | None) -> Lidar:
 
 
 def equip_robot(robot: Robot | None, config: FieldConfig | None = None) -> Robot:
-    """The robot, or one by default, with the lidar of a field's settings if it names none.
+    """Return the robot, or a default one, with the lidar of a field's settings if it has none.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     Raises
     ------
     ConfigError
-        If the file cannot be read, or holds other settings or values.
+        If the file cannot be read, or a setting or value is unknown.
     """
     try:
         content = parse_json(read_text(check_file_path("a file of settings", path), MAX_JSON_BYTES))

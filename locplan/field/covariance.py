@@ -1,4 +1,4 @@
-"""Covariances of poses: their scalars, axes, means and units, and what an estimator must give."""
+"""Covariances of poses: scalars, axes, means, units, and checks of an estimator's results."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SCALARS = {
 
 
 def scalar(covariance: ArrayLike, name: str) -> Floats:
-    """A scalar of covariances of (x, y, theta), or of (x, y) where there is no rotation.
+    """Compute a scalar of covariances of (x, y, theta), or of (x, y) without rotation.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def scalar(covariance: ArrayLike, name: str) -> Floats:
     Returns
     -------
     (...) array
-        The scalar of each covariance; NaN where the covariance is.
+        The scalar of each covariance; NaN for a NaN covariance.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def scalar(covariance: ArrayLike, name: str) -> Floats:
 
 
 def position_axes(covariance: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Standard deviations along the error ellipse's axes and the first axis' direction.
+    """Return standard deviations along the error ellipse's axes, and the first axis' direction.
 
     Parameters
     ----------
@@ -107,9 +107,9 @@ def position_axes(covariance: ArrayLike) -> tuple[Floats, Floats, Floats]:
 
 
 def compute_log_means(first: Floats, second: Floats, shares: Floats) -> Floats:
-    """Mean of each two covariances (..., d, d) in the matrix logarithm; NaN where one is.
+    """Compute the mean of each two covariances (..., d, d) in the matrix logarithm; NaN stays NaN.
 
-    The others have the shares (...), from 0 to 1, and the first the rest.
+    The second covariances have the weights `shares` (...), 0 to 1, the first the remainder.
     """
     means = np.full(np.broadcast_shapes(first.shape, second.shape), np.nan)
     is_finite = ~np.isnan(first + second).any(axis=(-2, -1))
@@ -121,18 +121,20 @@ def compute_log_means(first: Floats, second: Floats, shares: Floats) -> Floats:
 
 
 def _log_matrices(covariances: Floats) -> Floats:
+    """Return the matrix logarithms of covariances."""
     values, vectors = np.linalg.eigh(covariances)
     logs = np.log(np.maximum(values, np.finfo(float).tiny))
     return np.asarray((vectors * logs[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 
 def _exp_matrices(logs: Floats) -> Floats:
+    """Return the covariances with these matrix logarithms."""
     values, vectors = np.linalg.eigh(logs)
     return np.asarray((vectors * np.exp(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 
 def rotate_covariance(covariance: Floats, yaw: float) -> Floats:
-    """Covariances (..., d, d) of poses whose axes are turned counter-clockwise by `yaw` [rad]."""
+    """Rotate covariances (..., d, d) of poses counter-clockwise by `yaw` [rad]."""
     if not yaw:  # even the sign of a zero stays
         return covariance
     turn = np.eye(covariance.shape[-1])
@@ -141,7 +143,7 @@ def rotate_covariance(covariance: Floats, yaw: float) -> Floats:
 
 
 def average_information(covariances: Floats) -> Floats:
-    """Inverse of the mean of the inverses of covariances, (..., d, d).
+    """Return the inverse of the mean of the inverses of covariances, (..., d, d).
 
     It merges the headings of a robot: information adds up. 1e-12 m^2 or rad^2, far below what any
     lidar resolves, is added to all variances, since one of zero would have no inverse.
@@ -156,7 +158,9 @@ def average_information(covariances: Floats) -> Floats:
 
 
 def compute_anchors(estimator: Estimator, window: OffsetLattice, name: str) -> tuple[float, float]:
-    """Values of a scalar or a layer at which u is 0 and 1, see `CovarianceField.anchors`."""
+    """Return the values of a scalar or a layer at which u is 0 and 1, see
+    `CovarianceField.anchors`.
+    """
     for layer in estimator.layers:
         if layer.name == name:
             return layer.anchors(window)
@@ -165,7 +169,7 @@ def compute_anchors(estimator: Estimator, window: OffsetLattice, name: str) -> t
 
 
 def find_quantity(estimator: Estimator, e_unit: str, name: str | None) -> Quantity:
-    """Label and unit of a scalar or of a layer, see `CovarianceField.quantity`."""
+    """Return label and unit of a scalar or of a layer, see `CovarianceField.quantity`."""
     name = name or estimator.criterion
     if name == "e":
         return Quantity(SCALARS["e"].label, e_unit)
@@ -179,7 +183,7 @@ a featureless place."""
 
 
 def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
-    """Raise a FieldError unless values are an estimator's covariances and layers at some cells.
+    """Raise a FieldError unless values are valid covariances and layers at the cells of a part.
 
     Parameters
     ----------
@@ -211,7 +215,7 @@ def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
 
 
 def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octets) -> None:
-    """Raise a FieldError if the map beyond an estimator's halo matters to some cells of a part.
+    """Raise a FieldError if the map beyond an estimator's halo changes values of a part.
 
     They are computed again, each alone, with free and occupied cells swapped beyond the halo.
 
@@ -239,7 +243,7 @@ def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octe
 
 
 def read_halo(estimator: Estimator, resolution: float, map_shape: tuple[int, int]) -> int:
-    """The halo of an estimator [cells]; a ConfigError if it is no whole number."""
+    """Return the halo of an estimator [cells]; a ConfigError if it is no whole number."""
     halo = estimator.halo(resolution, map_shape)
     return check_integer(f"halo() of estimator {short_repr(estimator.name)}", halo, 0)
 
@@ -247,6 +251,7 @@ def read_halo(estimator: Estimator, resolution: float, map_shape: tuple[int, int
 def _check_array(
     name: str, array: object, estimator: Estimator, part: MapPart, axes: tuple[int, ...]
 ) -> None:
+    """Raise a FieldError if an array has a wrong type or shape, or is not finite."""
     headings = len(part.headings)
     places = (len(part.rows),) if headings == 1 else (len(part.rows), headings)
     shape = (*places, *axes)
@@ -261,7 +266,7 @@ def _check_array(
 
 
 def _raise_if_any(bad: Bools, defect: str, estimator: Estimator, part: MapPart) -> None:
-    """Raise a FieldError that names the first of the bad places, if there are some."""
+    """Raise a FieldError that names the first bad place, if there is one."""
     if bad.any():
         cell_text = _format_cell(part, np.argwhere(bad)[0][0])
         raise _make_estimator_error(
@@ -270,21 +275,26 @@ def _raise_if_any(bad: Bools, defect: str, estimator: Estimator, part: MapPart) 
 
 
 def _format_cell(part: MapPart, at: int) -> str:
+    """Return the place of a cell for messages."""
     return f"row {part.rows[at]}, column {part.cols[at]} of the map"
 
 
 def _make_estimator_error(estimator: Estimator, problem: str) -> FieldError:
+    """Return the error about a problem of an estimator."""
     return FieldError(f"estimator {short_repr(estimator.name)}: {problem}")
 
 
 def _quote_names(names: Iterable[str]) -> str:
+    """Return names in quotes."""
     return ", ".join(map(short_repr, names))
 
 
 def _isolate_cell(
     estimator: Estimator, part: MapPart, at: int, halo: int, levels: Octets
 ) -> MapPart:
-    """One cell of a part, with the map up to the halo and a ring of another map around that."""
+    """Return one cell of a part with the map up to the halo, and a ring of a different map around
+    it.
+    """
     row, col = int(part.rows[at]), int(part.cols[at])
 
     def box(reach: int) -> tuple[slice, slice]:
@@ -306,6 +316,7 @@ def _isolate_cell(
 
 
 def _are_close(first: Floats, second: Floats) -> bool:
+    """True if two covariances are equal up to rounding."""
     greatest = np.abs(second).max(initial=MIN_ROUNDING)
     return first.shape == second.shape and bool(
         (np.abs(first - second) <= TOLERANCE * greatest).all()

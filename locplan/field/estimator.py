@@ -1,4 +1,4 @@
-"""The base class of the estimators of the pose covariance, its settings, and what it works on."""
+"""The base class of the estimators of the pose covariance, its settings, and its input."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TILE_CELLS = 512
 
 @dataclass(frozen=True)
 class Layer:
-    """A value that an estimator gives for each place besides the covariance."""
+    """A value that an estimator gives for each place, in addition to the covariance."""
 
     name: str
     """Name of the layer in files and on the command line, such as "ambiguity"."""
@@ -78,7 +78,7 @@ class MapPart:
 
     @classmethod
     def from_map(cls, cells: Octets, rows: Ints, cols: Ints, resolution: float) -> MapPart:
-        """Part that is a whole map, with some of its cells; the robot heads along the rows.
+        """Return a whole map as a part, with some of its cells; the robot heads along the rows.
 
         Parameters
         ----------
@@ -97,7 +97,7 @@ class Estimator(Settings, ABC):
     """Base class of the estimators of a pose match's covariance, frozen dataclasses of settings.
 
     A setting out of its range is a ConfigError when the estimator is made. A new estimator is a
-    subclass in a module of its own and a line in `locplan.field.estimators`.
+    subclass in a new module and a line in `locplan.field.estimators`.
     """
 
     name: ClassVar[str]
@@ -127,7 +127,7 @@ class Estimator(Settings, ABC):
 
     @abstractmethod
     def lattice(self, resolution: float) -> OffsetLattice:
-        """Lattice of pose offsets that bounds the covariance.
+        """Return the lattice of pose offsets that bounds the covariance.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class Estimator(Settings, ABC):
     @property
     @abstractmethod
     def reach(self) -> float:
-        """Distance up to which the estimator takes the map into account [m]."""
+        """Distance up to which the map has an effect on the estimator [m]."""
 
     @property
     @abstractmethod
@@ -151,7 +151,7 @@ class Estimator(Settings, ABC):
         """Name of the estimator, its lidar and range, and its most important settings."""
 
     def with_lidar(self, lidar: Lidar) -> Estimator:
-        """This estimator with another lidar, and its other settings as they are.
+        """Return this estimator with a different lidar and otherwise equal settings.
 
         Parameters
         ----------
@@ -167,12 +167,13 @@ class Estimator(Settings, ABC):
 
     @property
     def headings(self) -> int:
-        """Number of the robot's headings that a field has by default; 1 if they are all alike."""
+        """Default number of headings of a field; 1 if all headings have equal values."""
         return 1
 
     @abstractmethod
     def covariances(self, part: MapPart) -> Values:
-        """Covariance of a pose match at each cell of a part of a map, in the grid's own axes.
+        """Compute the covariance of a pose match at each cell of a part of a map, in the grid's
+        axes.
 
         Parameters
         ----------
@@ -185,9 +186,9 @@ class Estimator(Settings, ABC):
         dict of arrays
             "covariance", (n, d, d), or (n, k, d, d) for several headings, with d = 3 for (x, y,
             theta) [m, m, rad], or d = 2 without turns; each of `layers`, (n,) or (n, k).
-            All finite, and the covariances symmetric, without negative eigenvalues; NaN only where
-            the computation was stopped early. A cell's values depend on the map within `halo` and
-            on nothing else, which is checked on a few cells.
+            All finite, and the covariances symmetric, without negative eigenvalues; NaN only if the
+            computation was stopped early. A cell's values depend only on the map within `halo`. A
+            few cells are checked.
         """
 
     def prepare(self, levels: Octets, resolution: float) -> object:
@@ -209,7 +210,7 @@ class Estimator(Settings, ABC):
 
     @abstractmethod
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """Distance from a cell within which the map decides its covariance [cells].
+        """Return the distance from a cell within which the map decides its covariance [cells].
 
         Parameters
         ----------
@@ -220,7 +221,7 @@ class Estimator(Settings, ABC):
         """
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
-        """Memory that a tile takes, or else what `prepare` makes for all tiles to share [bytes].
+        """Return the memory of a tile, or of the result of `prepare` that all tiles share [bytes].
 
         Parameters
         ----------
@@ -230,9 +231,9 @@ class Estimator(Settings, ABC):
         return 0.0
 
     def seconds(self, resolution: float) -> float:
-        """Rough time that one thread takes for a place and a heading, rather too long [s].
+        """Return a rough upper estimate of one thread's time for a place and a heading [s].
 
-        It sets the size of the tiles, which are finished and stored as a whole.
+        It sets the size of the tiles. Only whole tiles are stored.
 
         Parameters
         ----------
@@ -242,11 +243,11 @@ class Estimator(Settings, ABC):
         return 1e-3
 
     def identity(self) -> dict[str, object]:
-        """Settings that decide the values of a field, fit for JSON."""
+        """Return the settings that decide the values of a field, fit for JSON."""
         return dict_from_settings(self)
 
     def perfect(self, lattice: OffsetLattice) -> Floats:
-        """Covariance up to which a match counts as perfect, so that u is 0, (d, d).
+        """Return the covariance below which a match counts as perfect and u is 0, (d, d).
 
         Parameters
         ----------
@@ -256,7 +257,7 @@ class Estimator(Settings, ABC):
         return lattice.quantisation
 
     def featureless(self, lattice: OffsetLattice) -> Floats:
-        """Covariance of a featureless place, where u is 1, (d, d).
+        """Return the covariance of a featureless place, where u is 1, (d, d).
 
         Parameters
         ----------
@@ -266,7 +267,7 @@ class Estimator(Settings, ABC):
         return self.noise_level * lattice.uniform_covariance + self.q(lattice)
 
     def q(self, lattice: OffsetLattice) -> Floats:
-        """Q, the variance that the estimator's steps of offset cannot resolve, (d, d).
+        """Return Q, the variance that the estimator's steps of offset cannot resolve, (d, d).
 
         Parameters
         ----------
@@ -277,12 +278,12 @@ class Estimator(Settings, ABC):
 
     @property
     def adds_q(self) -> bool:
-        """Whether the covariances hold Q; u is made of Sigma + Q in any case."""
+        """True if the covariances include Q; u is computed from Sigma + Q in any case."""
         return True
 
 
 def dict_from_settings(owner: Any) -> dict[str, object]:
-    """Settings as they come back from JSON; an object begins with its class variable `name`."""
+    """Return settings as JSON restores them; an object begins with its class variable `name`."""
     settings = {"name": type(owner).name} if hasattr(type(owner), "name") else {}
     for attribute in fields(owner):
         value = getattr(owner, attribute.name)
@@ -292,7 +293,7 @@ def dict_from_settings(owner: Any) -> dict[str, object]:
 
 
 def list_settings_classes(owner: Any) -> list[type]:
-    """The class of settings, and those of the settings in them."""
+    """List the class of settings, and the classes of all settings in them."""
     values = [getattr(owner, attribute.name) for attribute in fields(owner)]
     inner = [
         kind for value in values if is_dataclass(value) for kind in list_settings_classes(value)
@@ -301,12 +302,12 @@ def list_settings_classes(owner: Any) -> list[type]:
 
 
 def is_from_locplan(owner: Any) -> bool:
-    """Return whether settings, and all settings in them, are of locplan's own classes."""
+    """True if settings, and all settings in them, are of locplan's classes."""
     return all(kind.__module__.startswith("locplan.") for kind in list_settings_classes(owner))
 
 
 def declared_versions(owner: Any) -> list[str]:
-    """Return the versions of the user's own classes in settings; a FieldError if one has none."""
+    """List the versions of the user's classes in settings; a FieldError if one has none."""
     user_kinds = [
         kind for kind in list_settings_classes(owner) if not kind.__module__.startswith("locplan.")
     ]
@@ -319,7 +320,7 @@ def declared_versions(owner: Any) -> list[str]:
 
 
 def build_settings(kind: type[T], settings: Mapping[str, object]) -> T:
-    """Make an object of a class from what `settings_of` returned; missing settings get defaults."""
+    """Build an object from the result of `dict_from_settings`; missing settings get defaults."""
     arguments = {name: value for name, value in settings.items() if name != "name"}
     hints, parameters = get_type_hints(kind), inspect.signature(kind).parameters
     for name in arguments:
@@ -335,6 +336,7 @@ def build_settings(kind: type[T], settings: Mapping[str, object]) -> T:
 
 
 def _build_nested(name: str, hint: Any, value: object) -> object:
+    """Build a setting that is an object, or a tuple from a list."""
     if not isinstance(value, Mapping):
         return value
     kinds: list[Any] = [

@@ -1,4 +1,4 @@
-"""The covariance field of a map: evaluated on a lattice, read anywhere on the map."""
+"""The covariance field of a map: evaluated on a lattice, interpolated on the whole map."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class CovarianceField(DrawableResult, EqualByValue):
     config : FieldConfig
         The settings that the covariances were computed with.
     layers : dict of (h, w) or (h, w, n) arrays
-        The estimator's other values by name, see `Estimator.layers`.
+        The estimator's additional values by name, see `Estimator.layers`.
     """
 
     covariance: Floats
@@ -94,12 +94,12 @@ class CovarianceField(DrawableResult, EqualByValue):
 
     @cached_property
     def is_evaluated(self) -> Bools:
-        """Mask of the lattice points that hold a covariance, (h, w)."""
+        """Mask of the lattice points with a covariance, (h, w)."""
         return tiles.find_computed_points(self.values)
 
     @cached_property
     def lacking(self) -> Bools:
-        """Mask of the lattice points that are read from their neighbours, (h, w).
+        """Mask of the lattice points that are interpolated from their neighbours, (h, w).
 
         There are none unless only some points were asked for; see `load_or_compute`.
         """
@@ -120,7 +120,7 @@ class CovarianceField(DrawableResult, EqualByValue):
     def scalar(
         self, name: str, *, headings: Literal["mean", "worst"] | None = None, with_q: bool = False
     ) -> Floats:
-        """A scalar on the lattice, (h, w), or (h, w, n) for n headings.
+        """Return a scalar on the lattice, (h, w), or (h, w, n) for n headings.
 
         Parameters
         ----------
@@ -128,10 +128,10 @@ class CovarianceField(DrawableResult, EqualByValue):
             "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`,
             or one of `layers`; another name is a ConfigError.
         headings : "mean" or "worst", optional
-            One value for all headings, (h, w): that of the mean information (of a layer, the
-            mean), or the greatest.
+            One value for all headings, (h, w): for "mean" from the mean information (of a layer,
+            the mean), for "worst" the greatest.
         with_q : bool, default False
-            Whether Sigma + Q counts even where the estimator has not added Q, as it does in u.
+            True to use Sigma + Q, as u does, even if the estimator has not added Q.
         """
         if name in self.layers:
             values = self.layers[name]
@@ -156,12 +156,12 @@ class CovarianceField(DrawableResult, EqualByValue):
 
     @property
     def quantised_covariance(self) -> Floats:
-        """What u is made of: Sigma + Q, even if Q was not to be added; shaped like `covariance`."""
+        """The covariance that u is computed from: Sigma + Q, shaped like `covariance`."""
         estimator = self.config.estimator
         return self.covariance if estimator.adds_q else self.covariance + estimator.q(self.window)
 
     def anchors(self, name: str = "e") -> tuple[float, float]:
-        """Values of a scalar or a layer for a perfect match and for a featureless place.
+        """Return the values of a scalar or layer for a perfect match and for a featureless place.
 
         Parameters
         ----------
@@ -172,10 +172,10 @@ class CovarianceField(DrawableResult, EqualByValue):
 
     @property
     def saturated_share(self) -> float:
-        """Share of the evaluated points, spread evenly, whose scalar is within 5 % of where u is 0.
+        """Share of the evaluated points whose scalar is within 5 % of the perfect match's.
 
-        The scalar is the estimator's own criterion. Better matches do not count there. Zero for
-        an empty field.
+        The scalar is the estimator's criterion. At these points better matches have no effect. Zero
+        for an empty field.
         """
         criterion = self.config.estimator.criterion
         values = self.scalar(criterion, with_q=True)[
@@ -186,11 +186,11 @@ class CovarianceField(DrawableResult, EqualByValue):
 
     @property
     def e_unit(self) -> str:
-        """Unit of e, without the angle where poses have no heading."""
+        """Unit of e; without the angle if poses have no heading."""
         return "m² rad" if self.window.dimension == 3 else "m²"
 
     def quantity(self, name: str | None = None) -> Quantity:
-        """Label and unit of a scalar or a layer, and the factor that gives it in that unit.
+        """Return label and unit of a scalar or a layer, and the factor to that unit.
 
         Parameters
         ----------
@@ -208,15 +208,15 @@ class CovarianceField(DrawableResult, EqualByValue):
     ) -> Floats:
         """Interpolate values to the map's free cells, (H, W) or (H, W, n); NaN elsewhere.
 
-        Where a corner was not evaluated, the other corners take its weight.
+        A corner without a value leaves its weight to the remaining corners.
 
         Parameters
         ----------
         values : (h, w) or (h, w, n) array
             Values on the lattice, such as `scalar` gives.
         logarithmic : bool, default True
-            Whether the interpolation is bilinear in the logarithm of positive values, as of e, or
-            else in the values themselves, as of layers.
+            True to interpolate the logarithm of positive values, as for e; False to interpolate the
+            values themselves, as for layers.
         cells : (rows, cols), optional
             The cells to read instead, broadcast together; they may lie between cells, free or not.
         """
@@ -267,7 +267,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         return read_at_poses(self, poses, name)
 
     def to_xarray(self) -> Dataset:
-        """All arrays with their coordinates as an xarray.Dataset.
+        """Return all arrays with their coordinates as an xarray.Dataset.
 
         Raises
         ------
@@ -286,7 +286,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         executor: Executor | None = None,
         progress: ProgressCallback | None = None,
     ) -> CovarianceField:
-        """Field of an edited map, computed anew only where the edit can change it.
+        """Return the field of an edited map; only what the edit can change is recomputed.
 
         It equals `covariance_field` of the new map bit for bit.
 
@@ -295,7 +295,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         grid : OccupancyGrid
             The new map, of the same shape, resolution and origin.
         points, threads, executor, progress
-            See `covariance_field`; points that are not asked for stay where they are unchanged.
+            See `covariance_field`; unchanged points stay, even if `points` lacks them.
 
         Raises
         ------
@@ -319,15 +319,15 @@ class CovarianceField(DrawableResult, EqualByValue):
     ) -> None:
         """Write the field with its map and config into a file, for `load`.
 
-        ``numpy.load`` reads it, too: "covariance", the layers, the levels "cells" of the map, and
+        ``numpy.load`` also reads it: "covariance", the layers, the levels "cells" of the map, and
         "about", JSON with the map's resolution and origin and the config.
 
         Parameters
         ----------
         path : path
-            The file, named *.npz; one that is there is replaced.
+            The file, named *.npz. An existing file is replaced.
         extra_arrays : mapping of str to array, optional
-            Further arrays for other programs.
+            Further arrays, for use by your programs.
 
         Raises
         ------
@@ -349,7 +349,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         Parameters
         ----------
         path : path
-            The file; what is missing, damaged or no field is a LocplanError.
+            The file; a LocplanError if it is missing, damaged or no field.
         """
         return cls.from_values(*files.read_field(check_file_path("a field", path)))
 
@@ -360,8 +360,8 @@ class CovarianceField(DrawableResult, EqualByValue):
         ----------
         name : str, optional
             "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
-            one of the field's layers; by default what degeneracy is made of. For several headings,
-            that of the mean information is drawn. Deviations are shown in cm and degrees.
+            one of the field's layers; by default the estimator's criterion. For several headings,
+            the mean information is drawn. Deviations are shown in cm and degrees.
         """
         from locplan.field.figures import field_figure
 

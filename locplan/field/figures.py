@@ -36,9 +36,10 @@ HARMLESS = 1 / 3
 
 
 def format_weak_share(field: CovarianceField, values: Any, name: str | None = None) -> str:
-    """Share of a map's values, in the unit that is shown, whose u is 0.5 or more.
+    """Return the share of a map's values whose u is 0.5 or more, as text.
 
-    Where no u is as high, the greatest value; where none is above a third, that nothing is weak.
+    If no u is that high, the text has the greatest value; if none is above a third, that no place
+    is weak.
     """
     quantity, name = field.quantity(name), name or field.config.estimator.criterion
     values = np.ma.filled(values, np.nan)
@@ -63,10 +64,11 @@ def format_weak_share(field: CovarianceField, values: Any, name: str | None = No
 def read_field_cells(
     field: CovarianceField, values: Floats, *, logarithmic: bool, part: OccupancyGrid | None
 ) -> Floats:
-    """Values (h, w) on the field's lattice as `draw_cells` takes them, NaN but in free space.
+    """Return values (h, w) on the field's lattice as `draw_cells` takes them; NaN outside free
+    space.
 
-    They are those of all cells of the map, or of a part of it. The values of blocks are read in
-    their middles: large maps are never filled cell by cell.
+    They cover all cells of the map, or of a part of it. Blocks of large maps are read in their
+    middles, instead of cell by cell.
     """
     visible_map = part or field.grid
     cells = compute_block_size(visible_map.shape)
@@ -96,8 +98,8 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
         The field.
     name : str, optional
         "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
-        one of the field's layers; by default what degeneracy is made of. For several headings,
-        that of the mean information is drawn. Deviations are shown in cm and degrees.
+        one of the field's layers; by default the estimator's criterion. For several headings, the
+        mean information is drawn. Deviations are shown in cm and degrees.
     """
     figure, axes = make_map_axes(field.grid)
     image = draw_field(axes, field, name)
@@ -113,7 +115,7 @@ def fields_figure(
     name: str = "e",
     parts: Sequence[OccupancyGrid] | None = None,
 ) -> Figure:
-    """Draw a scalar of several fields side by side on one scale, a row for each map.
+    """Draw a scalar of several fields side by side on one scale, one row per map.
 
     Parameters
     ----------
@@ -159,13 +161,13 @@ def draw_field(
 ) -> AxesImage:
     """Draw a scalar of the field over its map on a logarithmic scale, or a layer on a linear one.
 
-    The scale begins at the anchor of a perfect match and ends at the greatest value drawn; that of
-    scalars without Q begins at their least value.
+    The scale begins at the anchor of a perfect match, for scalars without Q at their least value,
+    and ends at the greatest value drawn.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        The Axes to draw on; its limits become those of the map [m].
+        The Axes to draw on; its limits are set to the extent of the map [m].
     field : CovarianceField
         The field; several headings count by their mean information.
     name : str, optional
@@ -173,7 +175,7 @@ def draw_field(
     part : OccupancyGrid, optional
         Part of the map that is drawn, cut out of it along its cells; all of it by default.
     read : array, optional
-        The scalar at the cells that are drawn, or at their blocks, where it has been read already.
+        The scalar at the drawn cells or blocks, if it has been read already.
 
     Returns
     -------
@@ -191,7 +193,7 @@ def draw_field(
 
 
 def make_colour_norm(field: CovarianceField, name: str, values: Floats) -> Normalize:
-    """The scale of colours of a scalar or layer of a field, as `draw_field` draws it.
+    """Return the colour scale of a scalar or layer of a field, as `draw_field` draws it.
 
     It ends at the greatest value, but is never so short that harmless values would look weak.
 

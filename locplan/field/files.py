@@ -42,9 +42,9 @@ MATCHING_KEYS = ("engine", "map_shape", "resolution", "origin", "identity")
 def make_metadata(
     grid: OccupancyGrid, config: FieldConfig, *, cached: bool = False
 ) -> dict[str, Any]:
-    """Describe a field, fit for JSON.
+    """Return the description of a field, fit for JSON.
 
-    A FieldError if it is to be cached and nothing tells what decides its values.
+    A FieldError if it is to be cached and its estimator declares no version.
     """
     estimator = config.estimator
     try:
@@ -73,7 +73,7 @@ def make_metadata(
 
 
 def compute_cache_key(metadata: Mapping[str, Any]) -> str:
-    """Name in the cache of the field with this description."""
+    """Return the name of a field in the cache from its description."""
     decisive = json.dumps([metadata[name] for name in IDENTIFYING_KEYS], sort_keys=True)
     return hashlib.sha256(decisive.encode()).hexdigest()[:32]
 
@@ -85,7 +85,7 @@ def write_field(
     metadata: Mapping[str, Any],
     extra_arrays: Mapping[str, Array] | None = None,
 ) -> None:
-    """Write a whole field for people who read it: compressed, and whole arrays.
+    """Write a whole field for people: compressed, and whole arrays.
 
     `metadata` is the field's description. `extra_arrays` are further arrays that are written along.
     """
@@ -119,7 +119,7 @@ def write_points(
 
 
 def read_metadata(file: Path) -> dict[str, Any]:
-    """Read the description of a field; a LocplanError if it is none."""
+    """Read the description of a field; a LocplanError for any file that is no field."""
     text = str(_read_array(file, MAX_JSON_BYTES, TREE_NAME)[TREE_NAME])
     try:
         metadata = parse_json(text)
@@ -137,7 +137,7 @@ def fill_values(
     config: FieldConfig,
     selection: Bools | None = None,
 ) -> None:
-    """Fill the arrays of a field, where they are NaN, with the values in a file.
+    """Fill NaN in the arrays of a field with the values in a file.
 
     Only the points `selection` are filled. A FieldError if the arrays in the file do not fit.
     """
@@ -166,7 +166,7 @@ def fill_values(
 
 
 def read_values(file: Path, grid: OccupancyGrid, config: FieldConfig) -> Values:
-    """Read the arrays of a field, NaN where it has no values."""
+    """Read the arrays of a field; NaN for points without values."""
     values = tiles.make_empty_values(grid, config)
     fill_values(values, file, grid, config)
     return values
@@ -247,4 +247,5 @@ def _read_array(file: Path, limit: int, name: str) -> dict[str, Any]:
 
 
 def _format_error(error: Exception) -> str:
+    """Return the message of an error while reading."""
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -1,9 +1,9 @@
-"""The covariance that the Fisher information of a lidar's beams allows, alone and with a scan's.
+"""The covariance from the Fisher information of a lidar's beams, alone and fused with a scan's.
 
-Two models of what a beam tells: the distance of its end from the surface it meets, as likelihood
-fields and scan matching have it; or its range, see A. Censi, "On achievable accuracy for
-range-finder localization", ICRA 2007, doi 10.1109/ROBOT.2007.364120. The search window's uniform
-variance is the prior, so that a place without any return is exactly featureless.
+Two models of a beam's measurement: the distance of its end from the surface it meets, as in
+likelihood fields and scan matching; or its range, see A. Censi, "On achievable accuracy for range-
+finder localization", ICRA 2007, doi 10.1109/ROBOT.2007.364120. The search window's uniform variance
+is the prior, so that a place without any return is exactly featureless.
 """
 
 from __future__ import annotations
@@ -59,18 +59,18 @@ class Fisher(LidarEstimator):
         check_choice("model", self.model, ("endpoint", "range"))
 
     def identity(self) -> dict[str, object]:
-        """The settings that the model reads: of ranges their noise, of ends that of the ends."""
+        """Return the settings that the model reads: the noise of ranges, or the noise of ends."""
         settings = super().identity()
         if self.model == "range":
             settings["sigma_hit"], settings["range_sigma"] = None, self.lidar.range_sigma
         return settings
 
     def q(self, lattice: OffsetLattice) -> Floats:
-        """Zero, (d, d): nothing is compared in steps. See `locplan.field.Estimator.q`."""
+        """Return zero, (d, d): nothing is compared in steps. See `locplan.field.Estimator.q`."""
         return np.zeros_like(lattice.quantisation)
 
     def sigma(self, resolution: float) -> float:
-        """Standard deviation of what a beam tells, at least a cell [m].
+        """Return the standard deviation of a beam's measurement, at least a cell [m].
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class Fisher(LidarEstimator):
         return super().sigma(resolution)
 
     def covariances(self, part: MapPart) -> Values:
-        """Inverse of the sum of the beams' information and the window's prior, times k.
+        """Return the inverse of the sum of the beams' information and the window's prior, times k.
 
         See `locplan.field.Estimator.covariances`.
         """
@@ -109,7 +109,7 @@ class Fisher(LidarEstimator):
         return {"covariance": covariance[:, part.heading_axis]}
 
     def prepare(self, levels: Octets, resolution: float) -> tuple[Octets, Singles]:
-        """Empty squares and normals of a map or a part of it.
+        """Compute empty squares and normals of a map or a part of it.
 
         See `locplan.field.Estimator.prepare`.
         """
@@ -119,7 +119,7 @@ class Fisher(LidarEstimator):
         return empty_squares(occupied), find_surface_normals(occupied)
 
     def seconds(self, resolution: float) -> float:
-        """Time in proportion to the beams, and a little for the inverse [s].
+        """Return a time in proportion to the beams, and a little for the inverse [s].
 
         See `locplan.field.Estimator.seconds`.
         """
@@ -131,7 +131,7 @@ class Fisher(LidarEstimator):
 
 
 def _invert(information: Floats) -> Floats:
-    """Inverses of matrices (..., d, d); NaN where a matrix holds NaN."""
+    """Invert matrices (..., d, d); NaN for a matrix with NaN."""
     unknown = np.isnan(information[..., 0, 0])
     matrices = np.where(unknown[..., None, None], np.eye(information.shape[-1]), information)
     return np.where(unknown[..., None, None], np.nan, np.linalg.inv(matrices))
@@ -154,9 +154,9 @@ large. There, too, the derivatives say half of what is measured, or less.
 class Fused(Estimator):
     """The mean of the covariances of `Fisher` and `Scan` in the matrix logarithm.
 
-    Both count alike where the scan's ellipse of positions is round and small; where it is long and
-    narrow, or large, the scan alone counts. It ranks the uncertainty of real lasers best, and is
-    nearest to it in metres.
+    Both have equal weights if the scan's ellipse of positions is round and small; if it is long and
+    narrow, or large, only the scan counts. Of all estimators it ranks the uncertainty of real
+    lasers best, and is nearest to it in metres.
 
     Examples
     --------
@@ -212,11 +212,11 @@ class Fused(Estimator):
 
     @property
     def headings(self) -> int:
-        """Default number of headings: 1 where the lidar sees the same in all, otherwise 8."""
+        """Default number of headings: 1 if the lidar sees the same at all of them, otherwise 8."""
         return self.scan.headings
 
     def identity(self) -> dict[str, object]:
-        """What decides the values of both."""
+        """Return the settings that decide the values of both estimators."""
         identities = {"fisher": self.fisher.identity(), "scan": self.scan.identity()}
         return {"name": self.name, "noise_level": self.noise_level, **identities}
 
@@ -232,11 +232,14 @@ class Fused(Estimator):
         )
 
     def q(self, lattice: OffsetLattice) -> Floats:
-        """Zero, (d, d): the scan's is within the mean already. See `locplan.field.Estimator.q`."""
+        """Return zero, (d, d): the mean includes the scan's Q already. See
+        `locplan.field.Estimator.q`.
+        """
         return self.fisher.q(lattice)
 
     def covariances(self, part: MapPart) -> Values:
-        """Mean of both covariances in the matrix logarithm, times k, and the scan's layers.
+        """Return the mean of both covariances in the matrix logarithm, times k, and the scan's
+        layers.
 
         See `locplan.field.Estimator.covariances`.
         """
@@ -254,6 +257,7 @@ class Fused(Estimator):
         }
 
     def _blend_covariances(self, of_fisher: Floats, of_scan: Floats) -> Floats:
+        """Return the mean of both covariances in the matrix logarithm, with the scan's weight."""
         major, minor, _ = position_axes(of_scan)
         is_round = (ELONGATED - major / minor) / (ELONGATED - ROUND)
         is_small = (LARGE - major) / (LARGE - SMALL)
@@ -261,7 +265,7 @@ class Fused(Estimator):
         return self.noise_level * compute_log_means(of_fisher, of_scan, 1 - of_both / 2)
 
     def prepare(self, levels: Octets, resolution: float) -> tuple[object, object]:
-        """Data of a map or a part of it for both estimators.
+        """Prepare data of a map or a part of it for both estimators.
 
         See `locplan.field.Estimator.prepare`.
         """

@@ -17,12 +17,12 @@ from locplan.field.covariance import average_information
 
 
 def stride_cells(stride: float, resolution: float) -> int:
-    """Spacing in metres rounded to whole cells, at least one."""
+    """Return a spacing in metres as a whole number of cells, at least one."""
     return max(1, round(stride / resolution))
 
 
 def select_evaluated_points(free: Bools, stride: int) -> Bools:
-    """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
+    """Return the mask of lattice points to evaluate, (h, w): each free cell reads at least one."""
     required = free[::stride, ::stride].copy()
     lonely = free & ~_find_covered_cells(required, free.shape, stride)
     nearest = (
@@ -34,7 +34,7 @@ def select_evaluated_points(free: Bools, stride: int) -> Bools:
 
 
 def _find_covered_cells(points: Bools, shape: tuple[int, int], stride: int) -> Bools:
-    """Mask of the cells that `read_on_map` reads from at least one of the points, (H, W)."""
+    """Mark the cells that `read_on_map` reads from at least one of the points, (H, W)."""
     for axis, size in enumerate(shape):
         at = np.arange(size)
         below = np.minimum(at // stride, points.shape[axis] - 1)
@@ -44,7 +44,7 @@ def _find_covered_cells(points: Bools, shape: tuple[int, int], stride: int) -> B
 
 
 def select_second_points(points: Bools) -> Bools:
-    """Choose every second lattice point in each direction, and those with none of them around.
+    """Select every second lattice point in each direction, and points without such a neighbour.
 
     Parameters
     ----------
@@ -65,14 +65,14 @@ def select_second_points(points: Bools) -> Bools:
 
 
 def thin_evenly(is_computed: Bools, lacking: Bools) -> Bools:
-    """The known points of a lattice, thinned out where they are finer than elsewhere, (h, w)."""
+    """Select computed points of a lattice at equal density everywhere, (h, w)."""
     return (
         is_computed & select_second_points(is_computed | lacking) if lacking.any() else is_computed
     )
 
 
 def find_near_points(points: Bools, stride: int, cells: Floats, distance: float) -> Bools:
-    """Choose the lattice points that are near to some cells.
+    """Select the lattice points near some cells.
 
     Parameters
     ----------
@@ -103,10 +103,10 @@ def find_near_points(points: Bools, stride: int, cells: Floats, distance: float)
 
 
 def fill_lacking(values: Floats, is_computed: Bools, lacking: Bools) -> Floats:
-    """Fill the lacking points of a lattice (h, w) with the mean of the known ones around them.
+    """Fill the lacking points of a lattice (h, w) with the mean of their computed neighbours.
 
-    Where every second point is known this is their bilinear interpolation. Points with no known
-    one around stay NaN.
+    If every second point is known, this is their bilinear interpolation. Points without a known
+    neighbour stay NaN.
     """
     import cv2
 
@@ -124,8 +124,8 @@ def fill_lacking(values: Floats, is_computed: Bools, lacking: Bools) -> Floats:
 def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
     """Read the values of a lattice (h, w) bilinearly at the free cells, (H, W); NaN elsewhere.
 
-    The last values extend to the map's edge. Where a corner is NaN, the other corners take its
-    weight.
+    The last values extend to the map's edge. A NaN corner leaves its weight to the remaining
+    corners.
     """
     rows, cols = free.shape
     is_finite = ~np.isnan(values)
@@ -149,13 +149,13 @@ def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
 
 
 def _interpolate_along_rows(values: Floats, cols: int, stride: int) -> Floats:
-    """Values (h, w) interpolated along each row at all columns, (h, cols)."""
+    """Interpolate values (h, w) along each row at all columns, (h, cols)."""
     low, next_one, part = _find_neighbours(np.arange(cols), stride, values.shape[1])
     return np.asarray(values[:, low] * (1 - part) + values[:, next_one] * part)
 
 
 def _interpolate_between_rows(values: Floats, first: int, count: int, stride: int) -> Floats:
-    """Rows from the lattice's row `first` on, `stride` for each of `count`, interpolated."""
+    """Interpolate `stride` rows after each of `count` lattice rows, from row `first` on."""
     below = values[first : first + count, None]
     above = values[np.minimum(np.arange(first + 1, first + len(below) + 1), len(values) - 1), None]
     part = (np.arange(stride) / stride)[:, None]
@@ -167,7 +167,7 @@ def _interpolate_between_rows(values: Floats, first: int, count: int, stride: in
 def read_at_cells(values: Floats, stride: int, rows: Array, cols: Array) -> Floats:
     """Read the values of a lattice (h, w) bilinearly at some cells, which may lie between cells.
 
-    Where a corner is NaN, the other corners take its weight.
+    A NaN corner leaves its weight to the remaining corners.
     """
     left, right, col_part = _find_neighbours(cols, stride, values.shape[1])
     row, above, row_part = _find_neighbours(rows, stride, values.shape[0])
@@ -185,14 +185,14 @@ def read_at_cells(values: Floats, stride: int, rows: Array, cols: Array) -> Floa
 def _find_neighbours(
     cells: Array, stride: int, size: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-    """Lattice indices before and after each cell along one axis, and the share of the latter."""
+    """Return lattice indices before and after each cell along one axis, and the latter's weight."""
     lattice_floor = np.floor(np.asarray(cells) / stride)
     low = np.minimum(lattice_floor.astype(np.intp), size - 1)
     return low, np.minimum(low + 1, size - 1), (cells - lattice_floor * stride) / stride
 
 
 def merge_headings(covariance: Floats, is_computed: Bools) -> Floats:
-    """Covariances (h, w, d, d) of the mean information over the headings of (h, w, n, d, d)."""
+    """Return the covariances (h, w, d, d) of the mean information over all headings."""
     if covariance.ndim == 4:
         return covariance
     result = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)

@@ -1,4 +1,4 @@
-"""The values of a field at poses, interpolated between the lattice points and the headings."""
+"""Values of a field at poses, interpolated between lattice points and headings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OFFSETS = np.array([*product((-1, 0, 1), repeat=2)])
 
 @dataclass(frozen=True)
 class LatticeCorners:
-    """The lattice points that positions are read from."""
+    """The lattice points from which the values at positions are read."""
 
     points: Ints
     """Row and column of each point on the lattice, (k, 2)."""
@@ -45,7 +45,8 @@ class LatticeCorners:
         stride : int
             Spacing of the lattice [cells].
         is_computed, lacking : (h, w) arrays of bool
-            Lattice points that hold a covariance, and those that are read from their neighbours.
+            Lattice points with a covariance, and points that are interpolated from their
+            neighbours.
         xy : (n, 2) array
             The positions [m].
         """
@@ -78,7 +79,7 @@ class LatticeCorners:
     def _from_weights(
         cls, number: Ints, points: Ints, weight: Floats, count: int
     ) -> LatticeCorners:
-        """Corners of entries: the number of the position, the point, and its weight."""
+        """Make corners from entries: the index of the position, the point, and its weight."""
         is_used = weight > 0
         number, points, weight = number[is_used], points[is_used], weight[is_used]
         index = points[:, 0] * (points[:, 1].max(initial=0) + 1) + points[:, 1]
@@ -87,7 +88,7 @@ class LatticeCorners:
         return cls(points[first], _make_sparse_matrix(weight, number, place, (count, len(first))))
 
     def read(self, values: Floats, headings: Floats | None) -> Floats:
-        """Return the values at the positions, (n, ...), NaN where there is none.
+        """Return the values at the positions, (n, ...), NaN for a position without a value.
 
         Parameters
         ----------
@@ -119,7 +120,7 @@ class LatticeCorners:
     def _select_headings(
         self, values: Floats, plain: int, headings: Floats | None
     ) -> tuple[Floats, Any]:
-        """The values that are read, of one heading each, and their weights at each position.
+        """Return the values to read, of one heading each, and their weights at each position.
 
         `plain` is the number of dimensions of values without headings.
         """
@@ -139,6 +140,7 @@ class LatticeCorners:
         return values.reshape(-1, *values.shape[2:])[used], weights
 
     def _blank_unread(self, values: Floats) -> Floats:
+        """Replace the values at positions without a weight by NaN."""
         values[np.diff(self.weights.indptr) == 0] = np.nan
         return values
 
@@ -151,6 +153,7 @@ def _is_free(grid: OccupancyGrid, xy: Floats) -> Bools:
 
 
 def _make_sparse_matrix(weight: Floats, rows: Ints, cols: Ints, shape: tuple[int, int]) -> Any:
+    """Return a sparse matrix of weights."""
     from scipy.sparse import csr_array
 
     return csr_array((weight, (rows, cols)), shape=shape)

@@ -94,10 +94,10 @@ class Sad(Estimator):
     give weights, and they the covariance. The defaults predict errors of scan matching best;
     `Sad.paper` follows Eq. 8-10 as printed (doi 10.1186/s40648-023-00256-w).
 
-    Two things are done for speed that move ln e by under 2 % in the median, whatever the cells: the
-    template is turned with the whole map, and so about a point up to half a cell from its own
-    centre; and where cells do not divide the window's step, the sum at an offset, rounded to whole
-    cells, is interpolated between those of whole steps.
+    Two approximations for speed change ln e by under 2 % in the median. The template is turned with
+    the whole map, and so about a point up to half a cell from its centre. If cells do not divide
+    the window's step, offsets are rounded to whole cells and their sums are interpolated between
+    whole steps.
 
     Examples
     --------
@@ -144,7 +144,7 @@ class Sad(Estimator):
 
     @classmethod
     def paper(cls, *, range: float = PAPER_RANGE, noise_level: float = 1.0) -> Sad:
-        """Settings for Eq. 8-10 of the paper as printed: inverse-square weights, no Q.
+        """Return the settings for Eq. 8-10 of the paper as printed: inverse-square weights, no Q.
 
         Parameters
         ----------
@@ -164,7 +164,7 @@ class Sad(Estimator):
         return self.window.to_lattice(resolution, exact=True)
 
     def template_radius(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """Radius of the disc in whole cells, at least one.
+        """Return the radius of the disc in whole cells, at least one.
 
         Cells that are further away than the map is long are unknown at every offset and add no
         mismatch, so that a larger disc gives the same sums.
@@ -193,7 +193,7 @@ class Sad(Estimator):
         return f"{settings_text}; no lidar named: {disc}"
 
     def with_lidar(self, lidar: Lidar) -> Sad:
-        """The estimator whose disc reaches as far as a lidar.
+        """Return the estimator with a disc of a lidar's range.
 
         See `locplan.field.Estimator.with_lidar`.
         """
@@ -206,7 +206,9 @@ class Sad(Estimator):
         return law.scale(self.template) if isinstance(law, Exponential) else math.inf
 
     def identity(self) -> dict[str, object]:
-        """All settings but the lidar's name, with the scale that the weights have by default."""
+        """Return all settings but the lidar's name, with the default scale of the weights filled
+        in.
+        """
         settings = super().identity()
         del settings["lidar"]
         if not isinstance(self.weights, Exponential):
@@ -214,7 +216,7 @@ class Sad(Estimator):
         return {**settings, "weights": dict_from_settings(replace(self.weights, tau=self.tau))}
 
     def covariances(self, part: MapPart) -> Values:
-        """Weighted covariance of the offsets about their mean, times k (Eq. 8).
+        """Return the weighted covariance of the offsets about their mean, times k (Eq. 8).
 
         See `locplan.field.Estimator.covariances`.
         """
@@ -234,7 +236,7 @@ class Sad(Estimator):
         return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
 
     def negligible(self, resolution: float) -> int | None:
-        """Mismatch S / 127 beyond which offsets are left out; None where none are.
+        """Return the mismatch S / 127 beyond which offsets are left out; None to keep all.
 
         Only ranges of 10 m or more gain by it, in cells so small that the disc holds enough blocks.
         What is left out weighs less than exp(-40) of the zero lag, and its moments add up to no
@@ -259,7 +261,7 @@ class Sad(Estimator):
         return math.floor(nats * self.tau * 2 / resolution**2)
 
     def offset_weights(self, mismatch: Array, resolution: float) -> Floats:
-        """Weight of offsets with given sums of absolute differences (Eq. 9).
+        """Return the weights of offsets with given sums of absolute differences (Eq. 9).
 
         S is held as mismatch area, ``mismatch / 254`` cells [m^2], so that tau and floor mean the
         same at every resolution.
@@ -287,7 +289,7 @@ class Sad(Estimator):
         return self.template_radius(resolution, map_shape) + max(window.reach, 2)
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
-        """Memory of a tile's turned maps, window and templates [bytes].
+        """Return the memory of a tile's turned maps, window and templates [bytes].
 
         See `locplan.field.Estimator.memory`.
         """
@@ -307,7 +309,8 @@ class Sad(Estimator):
         )
 
     def seconds(self, resolution: float) -> float:
-        """Time in proportion to the offsets and, but for rejected ones, to the disc's cells [s].
+        """Return a time in proportion to the offsets and, but for rejected ones, to the disc's
+        cells [s].
 
         See `locplan.field.Estimator.seconds`.
         """

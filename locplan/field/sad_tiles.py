@@ -1,4 +1,4 @@
-"""Laying out the map and its turned copies for the kernels of `sad`, for many cells at once.
+"""Layouts of the map and its turned copies for the kernels of `sad`, for many cells at once.
 
 Blocks of cells, whose counts reject offsets, are laid out likewise.
 """
@@ -102,11 +102,11 @@ class MapLayout:
         return 2 * self.window.half_steps + 1
 
     def groups(self) -> list[CellGroup]:
-        """The cells in groups that share a layout of the map, which is thin where they can.
+        """Return the cells in groups that share a layout of the map, as thin as possible.
 
-        It has every row and column at which a square may begin, of any cell at any offset. Cells
-        are in one group if they leave over the same when divided by what the step of the offsets
-        has in common with a square's edge.
+        A layout has every row and column that may be the first of a square, for any cell and
+        offset. Cells are in one group if their rows and columns leave the same remainders after
+        division by the common unit of the offsets' step and a square's edge.
         """
         unit = math.gcd(self.window.step_cells, SQUARE)
         over = self.part.rows % unit * unit + self.part.cols % unit
@@ -115,6 +115,7 @@ class MapLayout:
         ]
 
     def _make_group(self, cells: NDArray[np.intp]) -> CellGroup:
+        """Return the group of some cells."""
         around, step = self.radius + self.window.reach, self.window.step_cells
         rows, cols = self.part.rows[cells], self.part.cols[cells]
         top, left = int(rows.min()), int(cols.min())
@@ -129,7 +130,7 @@ class MapLayout:
         )
 
     def tile(self, group: CellGroup) -> templates.TileLayout:
-        """The tile of a group of cells."""
+        """Lay out the tile of a group of cells."""
         unit = group.unit
         step_units, square_units = self.window.step_cells // unit, SQUARE // unit
         diameter = self.disc.rows * SQUARE
@@ -170,7 +171,7 @@ class MapLayout:
         )
 
     def _compute_disc_sums(self, group: CellGroup) -> Ints:
-        """Disc sums of a group of cells at all offsets, (plane, col, row mod step, row div step).
+        """Compute disc sums of a group at all offsets, (plane, col, row mod step, row div step).
 
         Their rows and columns are as far apart as the cells are.
         """
@@ -183,7 +184,7 @@ class MapLayout:
         return sums.reshape(PLANES, cols, -1, steps).swapaxes(2, 3)
 
     def sight(self, group: CellGroup) -> templates.SightRays:
-        """Rays of the visible templates of a group of cells."""
+        """Return the rays of the visible templates of a group of cells."""
         return _make_rays(self.radius, self.window)._replace(
             levels=self.levels,
             rows=self.part.rows[group.cells] - self.part.corner[0],
@@ -193,7 +194,7 @@ class MapLayout:
 
 @lru_cache(maxsize=4)
 def _make_rays(radius: int, window: OffsetLattice) -> templates.SightRays:
-    """Rays of the visible templates of no cells."""
+    """Return the rays of visible templates, without cells."""
     angles = 2 * np.pi * np.arange(count_beams(radius)) / count_beams(radius)
     offset = 2 * np.arange(-radius, radius + 1, dtype=np.int32)
     beams = [find_cell_beams(radius, theta).astype(np.int32) for theta in window.angles]
@@ -212,7 +213,7 @@ def _make_rays(radius: int, window: OffsetLattice) -> templates.SightRays:
 
 
 def find_disc_blocks(radius: int, edge: int) -> tuple[Ints, Ints]:
-    """First rows and columns of blocks within a disc, from the disc's own on, (block,) each.
+    """Return first rows and columns of the blocks within a disc, (block,) each.
 
     They begin at whole squares and do not overlap. The outer ones, which differ most when the map
     is turned, come first.
@@ -236,14 +237,14 @@ def find_disc_blocks(radius: int, edge: int) -> tuple[Ints, Ints]:
 
 
 def scale_to_short(greatest: int) -> tuple[int, int]:
-    """Limit below 65,535 for sums of numbers shifted to the right by so many bits, and the bits."""
+    """Return a limit below 65,535 and the number of bits by which to shift sums to the right."""
     shift = max(0, greatest.bit_length() - MAX_SHORT.bit_length())
     shift += greatest >> shift >= MAX_SHORT
     return greatest >> shift, shift
 
 
 def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int) -> list[Bools]:
-    """Lines of offsets that may have an S / 127 of at most `negligible`.
+    """Mark the lines of offsets that may have an S / 127 of at most `negligible`.
 
     Of each group of cells, (theta, n, dx).
     """
@@ -266,7 +267,7 @@ def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int)
 def _count_group_blocks(
     layout: MapLayout, group: CellGroup, still: Shorts, table_rows: int
 ) -> bitplanes.BlockCounts:
-    """The blocks around a group of cells."""
+    """Count the map's cells in the blocks around a group of cells."""
     edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
     places = [find_disc_blocks(layout.radius, edge) for edge in edges]
     unit, extra_cells = group.unit, max(0, 2 * layout.radius + 1 - min(edges))
@@ -299,10 +300,10 @@ def _count_group_blocks(
 def compute_step_covariances(
     layout: MapLayout, weights: Floats, places: Floats, negligible: int | None, visible: bool
 ) -> Floats:
-    """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped.
+    """Compute covariances [lattice steps], (n, 3, 3); NaN if the computation was stopped.
 
-    `places` are those of the lattice's offsets among the layout's; offsets with an S / 127 above
-    `negligible` are left out. Only the visible part of the disc counts where that is asked for.
+    `places` are the places of the lattice's offsets among the layout's; offsets with an S / 127
+    above `negligible` are left out. With `visible`, only the visible part of the disc counts.
     """
     part, groups = layout.part, layout.groups()
     cells, headings = len(part.rows), layout.window.angles.size

@@ -1,8 +1,8 @@
 """The covariance of a simulated scan's posterior at given cells: correlative scan matching.
 
-The ends of the noise-free scan's beams are scored on the map's likelihood field (that of AMCL, see
-S. Thrun, W. Burgard and D. Fox, "Probabilistic Robotics", section 6.4) at every offset of the
-search window. It sees what derivatives cannot: repeating bays, and several modes.
+The ends of the noise-free scan's beams are scored on the map's likelihood field (as in AMCL, see S.
+Thrun, W. Burgard and D. Fox, "Probabilistic Robotics", section 6.4) at every offset of the search
+window. Unlike derivatives, it sees repeating bays, and several modes.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Scan(LidarEstimator):
         set_frozen_fields(self, endpoint_noise=_check_noise(self.endpoint_noise))
 
     def covariances(self, part: MapPart) -> Values:
-        """Covariance of the posterior about its mean, times k, and the layers.
+        """Return the covariance of the posterior about its mean, times k, and the layers.
 
         See `locplan.field.Estimator.covariances`.
         """
@@ -90,12 +90,12 @@ class Scan(LidarEstimator):
 
     @property
     def pattern(self) -> Floats:
-        """Standard normal deviations of the beams' ends, the same at all poses, (beams,).
+        """Return standard normal deviations of the beams' ends, the same at all poses, (beams,).
 
         They are the quantiles at the base-2 van der Corput sequence: evenly spread, and different
-        for neighbouring beams. Beams that a mirror exchanges have the same one, and so have, of a
-        lidar that sees all round, those that a quarter turn exchanges: then the covariances turn
-        with the map. Of a part of a view, the beams keep theirs.
+        for neighbouring beams. Mirrored beams have the same deviation, and so have, for a lidar
+        that sees all round, beams a quarter turn apart. The covariances then turn with the map. A
+        smaller field of view does not change the deviations of the remaining beams.
         """
         from scipy.special import ndtri
 
@@ -105,7 +105,7 @@ class Scan(LidarEstimator):
         return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))
 
     def prepare(self, levels: Octets, resolution: float) -> ScanMap:
-        """Empty squares and the likelihood field of a map or a part.
+        """Compute empty squares and the likelihood field of a map or a part of it.
 
         See `locplan.field.Estimator.prepare`.
         """
@@ -129,14 +129,14 @@ class Scan(LidarEstimator):
         return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
 
     def seconds(self, resolution: float) -> float:
-        """Time in proportion to the beams, and to the offsets at which each is scored [s].
+        """Return a time in proportion to the beams, and to the offsets at which each is scored [s].
 
         See `locplan.field.Estimator.seconds`.
         """
         return self.beams_compared * (1e-7 + 1e-10 * self.lattice(resolution).size)
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
-        """Memory of the likelihood field of the whole map and its surroundings [bytes].
+        """Return the memory of the likelihood field of the whole map and its surroundings [bytes].
 
         See `locplan.field.Estimator.memory`.
         """
@@ -149,6 +149,7 @@ class Scan(LidarEstimator):
 
 
 def _check_noise(noise: object) -> tuple[float, float]:
+    """Return the two numbers of the endpoint noise; a ConfigError for any other value."""
     if not (
         isinstance(noise, (tuple, list))
         and len(noise) == 2

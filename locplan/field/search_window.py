@@ -1,4 +1,4 @@
-"""The search window: the pose offsets (dx, dy, theta) at which a place is compared with others."""
+"""The search window: the pose offsets (dx, dy, theta) at which the map is compared with itself."""
 
 from __future__ import annotations
 
@@ -61,15 +61,15 @@ class SearchWindow(Settings):
             )
 
     def to_lattice(self, resolution: float, *, exact: bool = False) -> OffsetLattice:
-        """Lattice of the window's offsets on a map.
+        """Return the lattice of the window's offsets on a map.
 
         Parameters
         ----------
         resolution : float
             Edge of a cell of the map [m].
         exact : bool, default False
-            Whether the step stays as it is, and each offset is rounded to whole cells; else the
-            step is. Cells larger than the step are the step in any case.
+            True to keep the step and round each offset to whole cells; False to round the step. A
+            step below a cell becomes a cell in any case.
 
         Raises
         ------
@@ -147,7 +147,7 @@ class OffsetLattice:
 
     @property
     def places(self) -> Floats:
-        """Places of the rounded offsets among those of `cell_lattice`, from 0 on [its steps]."""
+        """Places of the rounded offsets on `cell_lattice`, from 0 on [its steps]."""
         return self.cells / self.step_cells + self.cell_lattice.half_steps
 
     @property
@@ -173,7 +173,7 @@ class OffsetLattice:
 
     @property
     def dimension(self) -> int:
-        """Number of dimensions of the poses: 2 without turns, else 3."""
+        """Number of dimensions of the poses: 2 without turns, otherwise 3."""
         return 3 if self.half_rotations else 2
 
     @property

@@ -1,4 +1,4 @@
-"""Covariance fields that are computed, or read from the cache, which completes unfinished ones.
+"""Covariance fields, computed or read from the cache, with resumption of unfinished ones.
 
 A field in the cache is one file (`locplan.field.files`). A long computation writes finished parts
 next to it every few seconds, so that a killed run loses only the last seconds.
@@ -65,7 +65,8 @@ def covariance_field(
         Estimator and lattice; `Sad()` by default.
     points : (h, w) array of bool, optional
         Lattice points to evaluate, by default all: point (i, j) is cell (i, j) times the stride.
-        The others are read from those around them. A few points take a fraction of the time.
+        All further points are interpolated from their neighbours. A few points take a fraction of
+        the time.
     threads : int, optional
         Number of threads, >= 1; all cores by default. The result does not depend on it.
     executor : concurrent.futures.Executor, optional
@@ -127,10 +128,10 @@ def load_or_compute(
     config : FieldConfig or Estimator, optional
         Estimator and lattice; `Sad()` by default.
     points : (h, w) array of bool, optional
-        See `covariance_field`. The field has values at these alone, whatever else is cached.
+        See `covariance_field`. The field has values only at these points, even if more are cached.
     cache_dir : path, optional
-        Cache folder; by default LOCPLAN_CACHE of the environment, or else the user's. It may grow
-        to LOCPLAN_CACHE_SIZE (5 GB); the least recently used fields are removed first.
+        Cache folder; by default the environment's LOCPLAN_CACHE, or without it the user's. It may
+        grow to LOCPLAN_CACHE_SIZE (5 GB); the least recently used fields are removed first.
     threads, executor, progress
         See `covariance_field`.
 
@@ -185,7 +186,7 @@ def field_path(
     config: FieldConfig,
     cache_dir: str | os.PathLike[str] | None = None,
 ) -> Path:
-    """Path of a field in the cache, whether or not it is there.
+    """Return the path of a field in the cache, whether or not it exists.
 
     Parameters
     ----------
@@ -207,7 +208,7 @@ def field_path(
 
 @dataclass(frozen=True)
 class _CachedField:
-    """A field as the cache has it, with all or some of its points."""
+    """A field in the cache, with all or some of its points."""
 
     grid: OccupancyGrid
     """The map."""
@@ -246,10 +247,10 @@ class _CachedField:
         )
 
     def load_cached_values(self, path: Path, parts: Path | None) -> tuple[Values, Bools]:
-        """Values of the field that the cache has, NaN elsewhere, and the points due for computing.
+        """Return the cached values of the field, NaN for all others, and the points to compute.
 
-        They come from the field's own file and parts, and from the fields of other states of the
-        map, where the edits cannot have changed them.
+        They come from the field's file and parts, and from the fields of earlier states of the map
+        as far as the edits cannot have changed them.
         """
         values = tiles.make_empty_values(self.grid, self.config)
         due = self.all_points if self.required is None else self.required
@@ -292,7 +293,7 @@ class _CachedField:
                 last = time.monotonic()
 
     def report(self, parts: Path, progress: ProgressCallback) -> None:
-        """Report how far another process is, by the names of the parts that it has written."""
+        """Report the progress of another process, from the names of the parts that it wrote."""
         due = int((self.all_points if self.required is None else self.required).sum())
         n_done = 0
         with suppress(OSError, ValueError):  # there are none yet
@@ -300,13 +301,14 @@ class _CachedField:
         progress(min(n_done, due), due)
 
     def _read_matching_metadata(self, file: Path) -> dict[str, Any]:
-        """The description in a file of this field; a FieldError if it is another field's."""
+        """Read the description in a file; a FieldError if it is not of this field."""
         metadata = files.read_metadata(file)
         if any(metadata.get(name) != self.metadata[name] for name in files.IDENTIFYING_KEYS):
             raise FieldError(f"{file}: holds another field")
         return metadata
 
     def _metadata_with_share(self, is_computed: Bools) -> dict[str, Any]:
+        """Return the description with the share of finished points."""
         total = int(self.all_points.sum())
         return self.metadata | {
             "finished_share": float(is_computed.sum() / total) if total else 1.0

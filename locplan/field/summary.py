@@ -1,4 +1,4 @@
-"""A field in a few numbers, and at a few positions that stand for all."""
+"""A field as a few numbers, and at a few representative positions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Percentiles:
     """The value that 90 % stay below."""
 
     def text(self, factor: float, unit: str) -> str:
-        """The three values for people, a dash where there is none.
+        """Return the three values for people; a dash for NaN.
 
         Parameters
         ----------
@@ -42,7 +42,7 @@ class Percentiles:
         return f"{' / '.join(_format_e(factor * value) for value in values)} {unit}"
 
     def median_text(self, factor: float = 1.0) -> str:
-        """The median for people, a dash where there is none.
+        """Return the median for people; a dash for NaN.
 
         Parameters
         ----------
@@ -54,7 +54,7 @@ class Percentiles:
 
 @dataclass(frozen=True)
 class FieldSummary:
-    """How many cells were evaluated, and how values are distributed over them and all headings."""
+    """Number of evaluated cells, and distributions of their values over all headings."""
 
     map: str
     """Name of the map."""
@@ -77,7 +77,7 @@ class FieldSummary:
 
     @classmethod
     def from_field(cls, field: CovarianceField) -> FieldSummary:
-        """The summary of a field.
+        """Summarize a field.
 
         Parameters
         ----------
@@ -100,7 +100,7 @@ class FieldSummary:
         )
 
     def table(self) -> str:
-        """The summary for people, and what would resolve a saturated field."""
+        """Return the summary for people, with advice about a saturated field."""
         estimator, headings = self.config.estimator, self.config.headings
         several = "" if headings == 1 else f", {headings} headings"
         position, heading = SCALARS["position_std"], SCALARS["heading_std"]
@@ -123,17 +123,18 @@ class FieldSummary:
 
 
 def _compute_percentiles(values: Floats) -> Percentiles:
+    """Return the percentiles of finite values."""
     percentiles = np.percentile(values, (10, 50, 90)).tolist() if values.size else [math.nan] * 3
     return Percentiles(*percentiles)
 
 
 def _format_e(e: float) -> str:
-    """A value of e for people, a dash where there is none."""
+    """Return a value of e for people; a dash for NaN."""
     return "–" if math.isnan(e) else f"{e:.3g}"
 
 
 def describe_field(field: CovarianceField) -> str:
-    """Say in a line how a field was made, how much of it is saturated, and what helps then.
+    """Describe in a line a field's settings, its saturated share, and advice for it.
 
     Parameters
     ----------
@@ -152,7 +153,7 @@ def describe_field(field: CovarianceField) -> str:
 
 
 def sample_covariances(field: CovarianceField, spacing: float) -> tuple[Floats, Floats]:
-    """Choose positions of a field with their covariances, far from walls first.
+    """Choose positions of a field with their covariances, positions far from walls first.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def sample_covariances(field: CovarianceField, spacing: float) -> tuple[Floats, 
     xy : (n, 2) array
         The positions [m].
     covariances : (n, d, d) array
-        Their covariances; for several headings that of the mean information.
+        Their covariances; for several headings from the mean information.
     """
     stride = field.stride
     clearance = field.grid.clearance[::stride, ::stride]
@@ -186,7 +187,8 @@ def select_spaced_positions(xy: Floats, priority: Floats, spacing: float) -> Int
     xy : (n, 2) array
         The positions.
     priority : (n,) array
-        Number of each position; of two that are too near to each other the higher one stays.
+        Priority of each position; of two positions that are too close the one with the higher
+        priority stays.
     spacing : float
         Minimum distance of two positions, in their unit.
 

@@ -54,7 +54,7 @@ def local_map(cells: Octets, row: int, col: int, radius: int) -> Octets:
 
 
 def cut_rotated_template(cells: Octets, row: int, col: int, radius: int, theta: float) -> Octets:
-    """The square around a cell on the map turned counter-clockwise by `theta` [rad].
+    """Cut the square around a cell out of the map turned counter-clockwise by `theta` [rad].
 
     The whole map is turned about its centre with nearest-neighbour sampling, and cropped around
     the cell's turned and rounded position, (2r + 1, 2r + 1). Turned maps share the map's lattice.
@@ -68,7 +68,7 @@ def cut_rotated_template(cells: Octets, row: int, col: int, radius: int, theta: 
     radius : int
         Distance from the cell to the square's edges [cells].
     theta : float
-        Angle by which the map is turned [rad].
+        Rotation of the map [rad].
     """
     centre_row, centre_col = map_centre(cells.shape)
     cos, sin = math.cos(theta), math.sin(theta)
@@ -85,8 +85,8 @@ def cut_rotated_template(cells: Octets, row: int, col: int, radius: int, theta: 
 def visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -> Bools:
     """Mask of the visible part of a cell's disc, turned by `theta` [rad], (2r + 1, 2r + 1).
 
-    A ray sees the cells on its way up to the first one that is not free, and `BEHIND` cells more,
-    so that the wall that it hits is part of the template.
+    A ray sees the cells on its way to the first cell that is not free, and `BEHIND` cells more, so
+    that the wall that it hits is part of the template.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -
     radius : int
         Radius of the disc [cells].
     theta : float
-        Angle by which the disc is turned [rad].
+        Rotation of the disc [rad].
     """
     beams = count_beams(radius)
     steps = np.arange(1, 2 * radius + 1) / 2
@@ -112,7 +112,7 @@ def visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -
 
 
 def count_beams(radius: int) -> int:
-    """Number of rays, so many that one passes every cell at the disc's edge.
+    """Return the number of rays: one passes every cell at the disc's edge.
 
     Parameters
     ----------
@@ -123,14 +123,14 @@ def count_beams(radius: int) -> int:
 
 
 def find_cell_beams(radius: int, theta: float) -> Ints:
-    """Index of the ray towards each cell of the square, (2r + 1, 2r + 1).
+    """Return the index of the ray towards each cell of the square, (2r + 1, 2r + 1).
 
     Parameters
     ----------
     radius : int
         Distance from the centre to the square's edges [cells].
     theta : float
-        Angle by which the square is turned [rad].
+        Rotation of the square [rad].
     """
     beams = count_beams(radius)
     offset = np.arange(-radius, radius + 1)
@@ -139,7 +139,7 @@ def find_cell_beams(radius: int, theta: float) -> Ints:
 
 
 def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
-    """Centre (row, col) about which a map is turned.
+    """Return the centre (row, col) about which a map is turned.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
 
 
 def read_levels(cells: Octets, rows: Ints, cols: Ints) -> Octets:
-    """Levels of a map at some cells; outside the map is unknown.
+    """Return the levels of a map at some cells; outside the map is unknown.
 
     Parameters
     ----------

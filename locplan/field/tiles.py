@@ -1,4 +1,4 @@
-"""The arrays of a field over its lattice, and the tiles that they are computed in."""
+"""The arrays of a field on its lattice, and the tiles in which they are computed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Chunk = tuple[slice, slice]
 
 
 def compute_field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
-    """Shapes of a field's arrays: lattice rows and columns, headings if several, pose axes."""
+    """Return array shapes: lattice rows and columns, headings if several, pose axes."""
     stride = config.stride_cells(grid.resolution)
     points = tuple(-(-size // stride) for size in grid.shape)
     places = points if config.headings == 1 else (*points, config.headings)
@@ -42,7 +42,7 @@ def compute_field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, 
 
 
 def make_empty_values(grid: OccupancyGrid, config: FieldConfig) -> Values:
-    """Arrays of a field, filled with NaN; a ConfigError if it takes too much memory."""
+    """Return arrays of a field, filled with NaN; a ConfigError if they take too much memory."""
     shapes = compute_field_shapes(grid, config)
     total = 8.0 * sum(math.prod(shape) for shape in shapes.values())
     check_memory("the values of the field", total, "set a larger stride or fewer headings")
@@ -50,7 +50,7 @@ def make_empty_values(grid: OccupancyGrid, config: FieldConfig) -> Values:
 
 
 def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
-    """Raise a ConfigError if a tile takes over 2 GB, which grow with range and window."""
+    """Raise a ConfigError if a tile takes over 2 GB; range and window decide its size."""
     tile_memory = config.estimator.memory(grid.resolution, grid.shape)
     if tile_memory > 2e9:
         lattice = config.estimator.lattice(grid.resolution)
@@ -64,7 +64,7 @@ def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
 
 
 def find_computed_points(values: Values) -> Bools:
-    """Mask of the lattice points that hold values, (h, w)."""
+    """Return the mask of the lattice points with values, (h, w)."""
     covariance = values["covariance"]
     return ~np.isnan(covariance.reshape(*covariance.shape[:2], -1)[:, :, 0])
 
@@ -72,7 +72,7 @@ def find_computed_points(values: Values) -> Bools:
 def find_required_points(
     grid: OccupancyGrid, config: FieldConfig, points: Bools | None = None
 ) -> Bools:
-    """Mask of the lattice points that a field needs, of `points` where only these are asked for.
+    """Return the mask of the lattice points that a field needs, restricted to `points` if given.
 
     Raises
     ------
@@ -92,10 +92,9 @@ def find_required_points(
 
 
 def compute_chunk_edge(config: FieldConfig, resolution: float) -> int:
-    """Edge length of the square tiles that are computed as a whole [lattice points].
+    """Return the edge of the square tiles that are computed as a whole [lattice points].
 
-    A tile takes one thread two seconds at most, roughly, by what the estimator says that a point
-    costs.
+    By `Estimator.seconds`, a tile takes one thread roughly two seconds at most.
     """
     points = 2.0 / (config.headings * config.estimator.seconds(resolution))
     on_map = TILE_CELLS // config.stride_cells(resolution)
@@ -103,7 +102,7 @@ def compute_chunk_edge(config: FieldConfig, resolution: float) -> int:
 
 
 def iterate_chunks(points: Bools, edge: int) -> Iterator[Chunk]:
-    """Chunks that hold at least one of the points, row by row."""
+    """Yield chunks that hold at least one of the points, row by row."""
     for top, left in product(*(range(0, size, edge) for size in points.shape)):
         chunk = slice(top, top + edge), slice(left, left + edge)
         if points[chunk].any():
@@ -113,7 +112,7 @@ def iterate_chunks(points: Bools, edge: int) -> Iterator[Chunk]:
 def find_unchanged_points(
     before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
 ) -> Bools:
-    """Mark the second map's lattice points whose covariances are those of the first.
+    """Mark the second map's lattice points whose covariances equal the first map's.
 
     Parameters
     ----------
@@ -125,7 +124,7 @@ def find_unchanged_points(
     Returns
     -------
     (h, w) array of bool
-        True where the covariance is the same.
+        True for points with the same covariance.
 
     Raises
     ------
@@ -152,7 +151,7 @@ def find_unchanged_points(
 def build_dataset(
     values: Values, e: Floats, e_unit: str, grid: OccupancyGrid, config: FieldConfig
 ) -> Dataset:
-    """A field's arrays and e with their coordinates; see `CovarianceField.to_xarray`."""
+    """Return a field's arrays and e with their coordinates; see `CovarianceField.to_xarray`."""
     require_extra("xarray", "tables", "to_xarray")
     from xarray import Dataset
 
@@ -169,7 +168,7 @@ def build_dataset(
 def coordinates(
     grid: OccupancyGrid, config: FieldConfig
 ) -> dict[str, tuple[Array, dict[str, Any]]]:
-    """Values and attributes of the coordinates y, x and, if there are several, heading."""
+    """Return values and attributes of the coordinates y, x and, if there are several, heading."""
     stride, (x0, y0, _) = config.stride_cells(grid.resolution), grid.origin
     meaning = "of the map's own axes, which the origin's yaw turns about the origin"
     metres = {"long_name": meaning, "units": "m"}

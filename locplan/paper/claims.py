@@ -43,7 +43,7 @@ class TemplateSlide:
     """A template slid along a strip of map (Figs. 4-11)."""
 
     title: str
-    """Levels of the template and of the strip in words."""
+    """Levels of the template and of the strip as text."""
     template: Octets
     """Levels of the template's cells, 6 m x 6 m, (h, w)."""
     strip: Octets
@@ -57,20 +57,21 @@ class TemplateSlide:
         return f"Slide({self.title}, {len(self.shift)} shifts)"
 
     def is_constant_until(self, model: str, shift: float) -> bool:
-        """Return whether a model is defined, and constant, from no shift up to some shift.
+        """True if a model is defined, and constant, for all shifts from 0 to `shift`.
 
         Parameters
         ----------
         model : str
             Name of a model, see `locplan.paper.template_matching.MODELS`.
         shift : float
-            The shift up to which it is looked at [m], >= 0.
+            The last shift that counts [m], >= 0.
         """
         values = self.curves[model][self.shift <= shift + 1e-9]
         return bool((values == values[0]).all())
 
     def peaks(self, model: str) -> Floats:
-        """Shifts at which a model has its best value, (k,) [m]; none if all its values are alike.
+        """Return the shifts at which a model has its best value, (k,) [m]; none if all values are
+        equal.
 
         Parameters
         ----------
@@ -84,7 +85,7 @@ class TemplateSlide:
 
 
 def compare_models_along_strips(resolution: float = 0.05) -> tuple[TemplateSlide, ...]:
-    """Compare the seven models in one dimension (Figs. 4-11).
+    """Compute the seven models for templates slid along strips of map (Figs. 4-11).
 
     Templates of 6 m x 6 m, free or half free and half occupied, are slid by 9 m along strips of
     15 m x 6 m whose levels change at halves or thirds.
@@ -109,6 +110,7 @@ def compare_models_along_strips(resolution: float = 0.05) -> tuple[TemplateSlide
 
 
 def _make_strip(parts: tuple[tuple[int, float], ...], resolution: float) -> Octets:
+    """Make a strip of map from levels and widths [m], side by side."""
     levels = [np.full(round(width / resolution), level, np.uint8) for level, width in parts]
     return np.tile(np.concatenate(levels), (round(_HEIGHT / resolution), 1))
 
@@ -121,7 +123,7 @@ ClaimTest = Callable[[Covariances], Bools]
 
 
 def _make_lower_test(lower: str, upper: str, name: str = "e") -> ClaimTest:
-    """Test that a scalar is lower at each of the places `lower` than at any of `upper`."""
+    """Return a test that a scalar is lower at each of the places `lower` than at any of `upper`."""
 
     def holds(covariances: Covariances) -> Bools:
         low, high = (np.array([scalar(covariances[k], name) for k in ks]) for ks in (lower, upper))
@@ -131,6 +133,7 @@ def _make_lower_test(lower: str, upper: str, name: str = "e") -> ClaimTest:
 
 
 def _lies_along_x(covariances: Covariances) -> Bools:
+    """True for covariances whose largest standard deviation is along x."""
     major, minor, direction = position_axes(covariances["B"])
     return np.asarray((abs(direction) < np.radians(5)) & (major > 2 * minor))
 
@@ -151,7 +154,7 @@ CLAIMS: dict[str, ClaimTest] = {
 def draw_place_maps(
     *, resolution: float = 0.05, boundary_noise: float = 0.0, seed: int = 0
 ) -> dict[str, OccupancyGrid]:
-    """Draw the maps that the places lie in, by name.
+    """Draw the maps of the paper's places, by name.
 
     Parameters
     ----------
@@ -168,7 +171,7 @@ def draw_place_maps(
 
 
 def compute_place_mismatch(maps: Mapping[str, OccupancyGrid], place: str, estimator: Sad) -> Floats:
-    """Mismatch at one of the places at every offset of the window, (dx, dy, theta) [m^2].
+    """Compute the mismatch at a place at every offset of the window, (dx, dy, theta) [m^2].
 
     Parameters
     ----------
@@ -193,7 +196,7 @@ def compute_place_covariances(
     maps : mapping of str to OccupancyGrid
         The maps, from `draw_place_maps`.
     estimator : Sad
-        The estimator of the covariances; `Sad.paper` is that of the claims.
+        The estimator of the covariances; the claims use `Sad.paper`.
     around : float, default 0.4
         Distance along x and y of eight more poses on a square around each place [m], >= 0; 0 adds
         none.
@@ -216,7 +219,7 @@ def compute_place_covariances(
 def compute_claim_shares(
     maps: Mapping[str, OccupancyGrid], estimator: Sad, *, around: float = 0.4
 ) -> dict[str, float]:
-    """Share of the poses at which each claim holds, 0..1, by the claim in words.
+    """Compute the share of the poses at which each claim holds, 0..1, by the claim's text.
 
     Parameters
     ----------
@@ -230,7 +233,7 @@ def compute_claim_shares(
 def compute_share_smaller_with_range(
     grid: OccupancyGrid, estimator: Sad, longer: float = 8.0, *, spacing: float = 1.0
 ) -> float:
-    """Share of poses where e is not greater with a longer range, 0..1.
+    """Compute the share of poses whose e does not grow with a longer range, 0..1.
 
     Parameters
     ----------
@@ -256,5 +259,6 @@ def compute_share_smaller_with_range(
 
 
 def _compute_covariances(grid: OccupancyGrid, rows: Ints, cols: Ints, estimator: Sad) -> Floats:
+    """Compute the covariances at some cells."""
     part = MapPart.from_map(grid.cells, rows, cols, grid.resolution)
     return estimator.covariances(part)["covariance"]

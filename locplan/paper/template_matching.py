@@ -2,7 +2,7 @@
 
 The seven models that the paper compares take the levels of a template T and of the part M of the
 map that it lies on, arrays of the same shape. The best match has the least value of SSD, SAD and
-NSSD, and the greatest of the others. Where a model divides by zero it is undefined: NaN.
+NSSD, and the greatest of the others. A model that divides by zero is undefined: NaN.
 
 Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
 (2023), doi 10.1186/s40648-023-00256-w.
@@ -28,7 +28,7 @@ from locplan.maps.occupancy import FREE
 
 
 def ssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Sum of squared differences (Eq. 1).
+    """Compute the sum of squared differences (Eq. 1).
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def ssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
 
 
 def sad(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Sum of absolute differences (Eq. 2).
+    """Compute the sum of absolute differences (Eq. 2).
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def sad(template: NDArray[Any], levels: NDArray[Any]) -> float:
 
 
 def nssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Normalised sum of squared differences (Eq. 3), or NaN where it would divide by zero.
+    """Compute the normalised sum of squared differences (Eq. 3); NaN if it divides by zero.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def nssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
 
 
 def ncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Normalised cross-correlation (Eq. 4), or NaN where it would divide by zero.
+    """Compute the normalised cross-correlation (Eq. 4); NaN if it divides by zero.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def ncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
 
 
 def zncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Zero-mean normalised cross-correlation (Eq. 5), or NaN where it would divide by zero.
+    """Compute the zero-mean normalised cross-correlation (Eq. 5); NaN if it divides by zero.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def zncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
 
 
 def zcc(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Zero-mean cross-correlation (Eq. 6).
+    """Compute the zero-mean cross-correlation (Eq. 6).
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def zcc(template: NDArray[Any], levels: NDArray[Any]) -> float:
 
 
 def cc(template: NDArray[Any], levels: NDArray[Any]) -> float:
-    """Cross-correlation (Eq. 7).
+    """Compute the cross-correlation (Eq. 7).
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        Value of each model, in the order of Eq. 1-7; NaN where it would divide by zero.
+        Value of each model, in the order of Eq. 1-7; NaN if it divides by zero.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def compare_models_along_axis(
     x, y : float
         World position of the disc's centre [m], in free space.
     axis : str
-        "x", "y" or "theta", of the map's own axes.
+        "x", "y" or "theta", along the map's axes.
     estimator : Sad
         Its search window bounds the offsets, which go cell by cell, or degree by degree.
 
@@ -234,11 +234,13 @@ def compare_models_along_axis(
 
 
 def _compute_curves(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, Floats]:
+    """Compute the seven models for pairs of template and map, by name."""
     rows = [similarities(template, levels) for template, levels in pairs]
     return {name: np.array([row[name] for row in rows]) for name in MODELS}
 
 
 def _normalise(value: float, template: NDArray[Any], levels: NDArray[Any]) -> float:
+    """Divide a value by the norms of template and map; NaN if one is zero."""
     norms = math.sqrt((template**2).sum() * (levels**2).sum())
     return value / norms if norms > 0 else math.nan
 
@@ -328,7 +330,7 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> Floats:
 
 
 def _find_disc(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> tuple[int, int, int]:
-    """Row and column of the cell at a position, and the template's radius [cells]."""
+    """Return row and column of the cell at a position, and the template's radius [cells]."""
     row, col = grid.cell((x, y))
     if not (grid.contains(row, col) and grid.free[row, col]):
         raise PoseError(f"{x:g},{y:g} is not in the map's free space; name a place that is")

@@ -23,11 +23,10 @@ Deviation = tuple[float, float]
 
 
 class Filter(Protocol):
-    """A filter's settings, which can `start` it any number of times.
+    """Settings of a filter, which can `start` any number of trackers.
 
-    They are a frozen dataclass, as `Amcl` is: drives run in threads, each with a filter of its own
-    that shares nothing with the others but the settings. `locplan.testing.check_filter` checks a
-    filter of your own.
+    They are a frozen dataclass like `Amcl`: drives run in threads, and their filters share nothing
+    but the settings. `locplan.testing.check_filter` checks a custom filter.
     """
 
     @property
@@ -42,7 +41,7 @@ class Filter(Protocol):
         Parameters
         ----------
         grid : OccupancyGrid
-            The filter's map, which may differ from the one that is planned on and driven in.
+            The filter's map, which may differ from the map for planning and from the world.
         lidar : Lidar
             The lidar that takes the scans.
         pose : (3,) array
@@ -55,38 +54,36 @@ class Filter(Protocol):
 
 
 class Tracker(Protocol):
-    """A filter that runs: at every pose `motion`, `scan` and `estimate` are called in turn."""
+    """A running filter: at every pose `motion`, `scan` and `estimate` are called in turn."""
 
     def motion(self, odometry: Floats) -> None:
-        """Take what odometry reports.
+        """Update with the pose that odometry reports.
 
         Parameters
         ----------
         odometry : (3,) array
-            The pose x, y, heading that odometry has added up, in a frame of its own
-            [m, m, rad].
+            The accumulated pose x, y, heading in the odometry frame [m, m, rad].
         """
 
     def scan(self, ranges: NDArray[np.float32]) -> None:
-        """Take a scan from where the last `motion` led.
+        """Update with a scan taken at the pose of the last `motion`.
 
         Parameters
         ----------
         ranges : (beams,) array
-            Distances along all of the lidar's beams [m]; what is not within its range is no
-            return.
+            Distances along all of the lidar's beams [m]; a value outside its range is no return.
         """
 
     def estimate(self) -> Floats:
-        """The robot's pose x, y, heading in the world, (3,) [m, m, rad]."""
+        """Return the robot's pose x, y, heading in the world, (3,) [m, m, rad]."""
 
     def covariance(self) -> Floats:
-        """Covariance of the estimate in the world, (3, 3) [m, m, rad]; NaN while not known."""
+        """Return the estimate's covariance in the world, (3, 3) [m, m, rad]; NaN if unknown."""
 
 
 @dataclass(frozen=True, repr=False)
 class NamedFilter:
-    """A filter of one's own as files name it, which do not hold its code."""
+    """A custom filter as files describe it, by name and without its code."""
 
     title: str
     settings: str
@@ -95,7 +92,7 @@ class NamedFilter:
         return self.settings
 
     def start(self, *_: object) -> Tracker:
-        """Refuse to start."""
+        """Raise an error, because the filter's code is not known."""
         raise ConfigError(f"a file does not hold the code of {self.title}; give the robot's filter")
 
 
@@ -108,9 +105,8 @@ OMNIDIRECTIONAL: Final = "nav2_amcl::OmniMotionModel"
 class Amcl(Settings):
     """Parameters of Nav2's AMCL, by its names and with its defaults.
 
-    They are those of its motion models and its likelihood fields. Give your robot's own, which
-    `read_amcl` reads from its file; `tune` looks for better ones. Unlike here, Nav2 ignores a map's
-    yaw.
+    They configure its motion models and its likelihood fields. `read_amcl` reads your robot's
+    parameters from its file; `tune` searches better ones. Unlike here, Nav2 ignores a map's yaw.
 
     Raises
     ------
@@ -215,13 +211,13 @@ class Amcl(Settings):
 
     @property
     def is_omnidirectional(self) -> bool:
-        """True if the motion model is that of a robot that can drive sideways."""
+        """True if the motion model lets the robot drive sideways."""
         return self.robot_model_type == OMNIDIRECTIONAL
 
     def start(
         self, grid: OccupancyGrid, lidar: Lidar, pose: Floats, deviation: Deviation, random: Random
     ) -> Tracker:
-        """Begin to track a robot with particles about a pose; see `Filter.start`.
+        """Start to track a robot with particles around a pose; see `Filter.start`.
 
         Parameters
         ----------
@@ -241,18 +237,18 @@ class Amcl(Settings):
         return ParticleFilter(self, grid, lidar, pose, deviation, random)
 
     def reach(self, lidar: Lidar) -> float:
-        """Range beyond which a beam counts as without a return [m].
+        """Return the range beyond which a beam counts as without a return [m].
 
         Parameters
         ----------
         lidar : Lidar
-            The robot's lidar, whose range counts where it is shorter than `laser_max_range`.
+            The robot's lidar, whose range counts if it is shorter than `laser_max_range`.
         """
         max_range = self.laser_max_range
         return min(lidar.range, max_range) if max_range > 0 else lidar.range
 
     def beam_step(self, beams: int) -> int:
-        """Number n such that every n-th of a scan's beams is compared.
+        """Return n such that every n-th of a scan's beams is compared.
 
         The two sensor models thin beams out in different ways.
 

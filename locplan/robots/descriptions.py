@@ -45,11 +45,11 @@ IDENTITY = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
 
 
 class _UnknownFrame(Exception):
-    """A pose in a file is relative to a frame that the file does not have."""
+    """Error: a pose is relative to a frame that the file does not have."""
 
 
 class RobotLinks:
-    """The links of a description, and their poses."""
+    """The links of a robot's description, with their poses."""
 
     def __init__(self, root: Element, file: Path) -> None:
         self.root, self.file = root, file
@@ -57,12 +57,12 @@ class RobotLinks:
         self._joints = {_find_joint_link(joint, "child"): joint for joint in root.findall("joint")}
 
     def warn(self, fault: str) -> None:
-        """Warn that the file does not have the mount."""
+        """Warn that the file lacks the lidar's mount."""
         remedy = "set mount_x, mount_y and mount_yaw_deg unless the lidar sits at 0, 0, 0"
         warnings.warn(ParameterWarning(f"{self.file}: {fault}; {remedy}"), stacklevel=6)
 
     def pose_of_sensor(self, sensor: Element) -> Floats:
-        """Return the pose of a sensor on the base link; with a warning if the file lacks it."""
+        """Return the pose of a sensor on the base link; warn if the file lacks it."""
         pose = _parse_pose(sensor, "the lidar's pose")
         carrier = self._parents.get(sensor)
         if carrier is None:
@@ -82,7 +82,7 @@ class RobotLinks:
         return pose
 
     def pose_of_link(self, link: Element) -> Floats:
-        """Return the pose of a link on the base link; with a warning if the file lacks it."""
+        """Return the pose of a link on the base link; warn if the file lacks it."""
         try:
             return self._pose_on_robot(link)
         except _UnknownFrame as frame_name:
@@ -90,7 +90,7 @@ class RobotLinks:
             return IDENTITY
 
     def find_scanner_links(self) -> list[Element]:
-        """List the links that are named as a scanner's frame; of a chain of them the last."""
+        """List the links named like a scanner's frame; of a chain of them the last."""
         links: dict[str, Element] = {}
         for link in self.root.iter("link"):
             name = link.get("name") or ""
@@ -102,6 +102,7 @@ class RobotLinks:
         return [link for name, link in links.items() if name not in carriers]
 
     def _warn_of_frame(self, name: _UnknownFrame) -> None:
+        """Warn that the file does not have a frame."""
         self.warn(f"has no pose of {short_repr(str(name))}, which carries the lidar")
 
     def _pose_on_robot(self, link: Element) -> Floats:
@@ -183,6 +184,7 @@ def _frame_pose_in_model(model: Element, name: str, depth: int = 0) -> Floats:
 
 
 def _find_reference_frame(part: Element) -> str:
+    """Return the name of the frame that a pose is relative to."""
     pose = part.find("pose")
     return "" if pose is None else (pose.get("relative_to") or "").strip()
 
@@ -194,6 +196,7 @@ def _find_joint_link(joint: Element, role: str) -> str:
 
 
 def _strip_scope(name: str | None) -> str:
+    """Return a name without its prefixes, such as robot1/."""
     return (name or "").rpartition("/")[2]
 
 
@@ -224,6 +227,7 @@ def _parse_pose(part: Element, subject: str) -> Floats:
 
 
 def _parse_six_numbers(text: str, subject: str) -> tuple[float, ...]:
+    """Parse x, y, z, roll, pitch, yaw."""
     values = parse_finite_numbers(text.split())
     if len(values) != 6 or max(map(abs, values)) > FARTHEST:
         macro = "; run xacro on a .xacro file first" if "$" in text else ""
@@ -257,7 +261,7 @@ class LidarMount(NamedTuple):
 
 
 def read_lidar(file: Path, lidar: Lidar | None = None) -> Lidar:
-    """Return the lidar that a file describes, with its mount; or a known lidar with that mount.
+    """Read the lidar that a file describes, with its mount; or the mount of a known lidar.
 
     Parameters
     ----------
@@ -281,6 +285,7 @@ def read_lidar(file: Path, lidar: Lidar | None = None) -> Lidar:
 
 
 def _find_only_sensor(sensors: list[Element], root: Element) -> Element:
+    """Return the only planar lidar; a ConfigError if there are none or several."""
     if len(sensors) == 1:
         return sensors[0]
     if sensors:
@@ -317,11 +322,13 @@ def _with_mount(lidar: Lidar, sensors: list[Element], tree: RobotLinks) -> Lidar
 
 
 def _find_planar_sensors(root: Element) -> list[Element]:
+    """List the lidars with one row of beams."""
     sensors = [sensor for sensor in root.iter("sensor") if sensor.get("type") in SENSOR_TYPES]
     return [sensor for sensor in sensors if _read_number(sensor, ".//vertical/samples", 1.0) <= 1]
 
 
 def _lidar_from_sensor(sensor: Element, tree: RobotLinks) -> Lidar:
+    """Return the lidar that a sensor element describes."""
     value = partial(_read_number, sensor)
     first, last = value(".//horizontal/min_angle"), value(".//horizontal/max_angle")
     beams = int(value(".//horizontal/samples") * value(".//horizontal/resolution", 1.0))
@@ -348,7 +355,7 @@ def _lidar_from_sensor(sensor: Element, tree: RobotLinks) -> Lidar:
 
 
 def _mount_from_pose(pose: Floats) -> LidarMount:
-    """Return the mount that a pose is; a ConfigError if the lidar is tilted."""
+    """Return the mount of a lidar at a pose; a ConfigError if it is tilted."""
     up = float(compute_uprightness(pose)[0])
     if abs(up) < math.cos(math.radians(10)):
         raise ConfigError("its lidar is tilted; locplan supports horizontal lidars only")
@@ -357,6 +364,7 @@ def _mount_from_pose(pose: Floats) -> LidarMount:
 
 
 def _read_root(file: Path) -> Element:
+    """Read the root element of an XML file."""
     from xml.etree import ElementTree
 
     try:
@@ -379,6 +387,7 @@ def _read_root(file: Path) -> Element:
 
 
 def _describe_launch_file(launch: Element) -> str:
+    """Return the reason why a launch file cannot be read."""
     nodes = [*launch.iter("node"), *launch.iter("include")]
     ros1 = any(node.get("type") or "$(find " in (node.get("file") or "") for node in nodes)
     if ros1:
@@ -390,7 +399,7 @@ def _describe_launch_file(launch: Element) -> str:
 
 
 def _find_declaration(content: bytes) -> int:
-    """Return where the XML declaration begins, if only comments and blanks stand before it.
+    """Return the position of the XML declaration, if only comments and blanks precede it.
 
     Such a file is not well-formed, but Gazebo and many parsers read it.
     """
@@ -402,6 +411,7 @@ def _find_declaration(content: bytes) -> int:
 
 
 def _read_number(sensor: Element, tag_path: str, default: float | None = None) -> float:
+    """Read a number from a sensor element."""
     text, name = sensor.findtext(tag_path), tag_path.removeprefix(".//")
     if text is None and default is None:
         raise ConfigError(f"its lidar has no {name}")

@@ -49,23 +49,23 @@ PARTS: dict[str, type] = {
 
 
 def list_setting_names(kind: type) -> list[str]:
-    """Names of the settings of a part."""
+    """List the names of the settings of a part."""
     return [setting.name for setting in dataclasses.fields(kind)]
 
 
 def footprint_from_corners(value: Any) -> Any:
-    """A footprint of a list of corners; anything else as it is."""
+    """Return a footprint from a list of corners; any other value is returned unchanged."""
     return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
 
 
 def read_parts(
     *paths: str | os.PathLike[str], lidar: Lidar | None = None, planner: str | None = None
 ) -> Iterator[tuple[str | os.PathLike[str], dict[str, Any]]]:
-    """Yield the last of the files read so far, and all that they say of a robot.
+    """Yield each file with the parts of the robot that are known after it.
 
     Later files replace single settings. The parameter files of Nav2 are merged by ROS's rules. The
-    parts have the names of `Robot`'s fields. A lidar that is known gets its mount from a URDF or
-    SDF, and replaces that of any file. The drive is that of the planner that is named, if one is.
+    parts have the names of `Robot`'s fields. A given lidar gets its mount from a URDF or SDF, and
+    replaces any lidar in the files. If a planner is named, it decides the drive.
     """
     contents = [_read_robot_file(path, lidar) for path in paths]
     parts: dict[str, Any] = {"lidar": lidar}
@@ -91,7 +91,7 @@ def read_parts(
 def _read_robot_file(
     path: str | os.PathLike[str], lidar: Lidar | None
 ) -> dict[str, Any] | tuple[ParameterFile, str | None]:
-    """Settings by the names of `Robot`'s fields, or a file of Nav2 and the robot named in it."""
+    """Read settings by `Robot`'s fields, or a file of Nav2 and the robot named in its path."""
     file = check_file_path("a robot's file", path)
     suffix = file.suffix.lower()
     if suffix in DESCRIPTIONS:
@@ -112,7 +112,7 @@ def _read_robot_file(
 
 
 def _has_nodes(content: Mapping[str, Any]) -> bool:
-    """True if parameters of nodes stand in a namespace."""
+    """True if a namespace in the file holds parameters of nodes."""
     return any(
         name == PARAMETERS or (isinstance(value, Mapping) and _has_nodes(value))
         for name, value in content.items()
@@ -120,7 +120,7 @@ def _has_nodes(content: Mapping[str, Any]) -> bool:
 
 
 def _find_changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings that are new or others, of parts in which they have names one by one."""
+    """Return new and changed settings, one by one for parts with named settings."""
     changes: dict[str, Any] = {}
     for name, value in after.items():
         earlier = before.get(name)
@@ -135,7 +135,7 @@ def _find_changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) 
 
 
 def _update_parts(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Parts of a robot with other settings; those that have no value stay as they are."""
+    """Return the parts of a robot with some settings replaced; those without a value stay."""
     changed = dict(parts)
     for name, value in settings.items():
         kind, earlier = PARTS.get(name), parts.get(name)
@@ -153,7 +153,7 @@ def _update_parts(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dict
 
 
 def build_parts(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Parts of a robot that plain data describe."""
+    """Build the parts of a robot from plain data."""
     _check_settings(settings)
     parts = {
         name: _build_part(name, value) if name in PARTS else value
@@ -165,7 +165,7 @@ def build_parts(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain data of a robot, of which all names are known."""
+    """Return plain data of a robot after checking all names."""
     _check_setting_names("a robot", settings, [*PARTS, *ROBOT_SETTINGS])
     for name, value in settings.items():
         if name in PARTS and isinstance(value, Mapping) and not _is_named_filter(name, value):
@@ -174,10 +174,12 @@ def _check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _is_named_filter(name: str, value: Mapping[str, Any]) -> bool:
+    """True if plain data describe a custom filter."""
     return name == "filter" and value.keys() == {"title", "settings"}
 
 
 def _build_part(name: str, value: Any) -> Any:
+    """Build one part of a robot from plain data."""
     kind = PARTS[name]
     if value is None or isinstance(value, str):
         return value  # no such part, or the name of a lidar
@@ -194,6 +196,7 @@ def _build_part(name: str, value: Any) -> Any:
 
 
 def _check_setting_names(owner: str, settings: Mapping[str, Any], allowed_names: list[str]) -> None:
+    """Raise a ConfigError if a setting has an unknown name."""
     for name in settings:
         if name not in allowed_names:
             names = f"{', '.join(allowed_names)}{suggestion_text(name, allowed_names)}"

@@ -31,7 +31,7 @@ MAX_BEAMS = 100_000
 
 
 class DataSheet(NamedTuple):
-    """The values of a data sheet."""
+    """Values from a lidar's data sheet."""
 
     range: float
     """Maximum distance that is measured [m]."""
@@ -87,18 +87,18 @@ LIDARS: dict[str, DataSheet] = {
 }
 """The presets by name, with ranges for bright targets, as walls are.
 
-Where a maker prints no standard deviation of a range, its bound of the error stands for it, or
-0.03 m where there is none. Robots stand beside lidars, with the lidar that they carry."""
+If a data sheet has no standard deviation of a range, its error bound is used, or 0.03 m without
+any. Robots are listed with the lidar that they carry."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Lidar(Settings):
     """A 2D lidar on a robot.
 
-    Two scanners at opposite corners whose scans are merged are one lidar of 360 deg, mounted midway
-    between them: what is computed for it holds but in passages that are hardly wider than the
-    robot, where it promises some 10 % too much. A filter that reads only one of them gets that
-    one's mount and field of view.
+    Two scanners at opposite corners whose scans are merged count as one lidar of 360 deg, mounted
+    midway between them. In passages barely wider than the robot, results are then some 10 % too
+    good. For a filter that reads only one of the scanners, give the mount and field of view of that
+    scanner.
 
     Raises
     ------
@@ -153,13 +153,12 @@ class Lidar(Settings):
 
     @classmethod
     def preset(cls, name: str) -> Lidar:
-        """Common lidar, or that of a robot, with the values of its data sheet.
+        """Return a common lidar, or the lidar of a robot, with the values of its data sheet.
 
         Parameters
         ----------
         name : str
-            One of `locplan.robots.LIDARS`, such as "rplidar-a1" or "turtlebot3", which has the
-            values and their sources, too.
+            One of `locplan.robots.LIDARS`, such as "rplidar-a1" or "turtlebot3".
 
         Raises
         ------
@@ -184,20 +183,19 @@ class Lidar(Settings):
         range_sigma: float | None = None,
         model: str = "",
     ) -> Lidar:
-        """Lidar that took a scan, from the fields of a sensor_msgs/LaserScan.
+        """Return the lidar that took a scan, from the fields of a sensor_msgs/LaserScan.
 
         Parameters
         ----------
         angle_min, angle_max, angle_increment : float
-            Angles of the first and the last beam, and from one beam to the next [rad]. Where the
-            lidar is mounted upside down, which TF tells by a roll of pi, give the first two with
-            the other sign.
+            Angles of the first and the last beam, and from one beam to the next [rad]. If the lidar
+            is mounted upside down (a roll of pi in TF), give the first two with the opposite sign.
         range_min, range_max : float
             Minimum and maximum distance that is measured [m], 0 <= range_min < range_max.
         mount : (x, y, yaw), default (0.0, 0.0, 0.0)
             Pose of the lidar on the robot [m, m, rad], as TF has it.
         range_sigma : float, optional
-            Standard deviation of a measured distance [m], 0.03 by default; a scan does not say it.
+            Standard deviation of a measured distance [m], 0.03 by default.
         model : str, default ""
             Name of the lidar, for titles.
 
@@ -238,7 +236,7 @@ class Lidar(Settings):
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str]) -> Lidar:
-        """Lidar of a robot's description: the only ray sensor in a URDF or SDF file.
+        """Read the lidar of a robot's description: the only ray sensor in a URDF or SDF file.
 
         Its mount is its pose on the base link (`base_footprint`, `base_link`, or otherwise the root
         of the joints or the model): along the joints of a URDF, or by the poses of an SDF's links,
@@ -258,7 +256,7 @@ class Lidar(Settings):
         Warns
         -----
         ParameterWarning
-            If the file does not say where the link of the sensor is.
+            If the file lacks the pose of the sensor's link.
         """
         from locplan.robots.descriptions import read_lidar
 
@@ -300,14 +298,14 @@ class Lidar(Settings):
 
     @property
     def is_heading_independent(self) -> bool:
-        """True if what the lidar sees at a place does not depend on the robot's heading.
+        """True if the lidar sees the same at every heading of the robot.
 
-        Where a feature lies between two beams is neglected.
+        The position of features between two beams is neglected.
         """
         return self.sees_all_round and self.mount_x == self.mount_y == 0.0
 
     def has_return(self, ranges: Singles) -> Bools:
-        """Mask of the beams with a return: within the lidar's range, and above 0.
+        """Return the mask of the beams with a return: within the lidar's range, and above 0.
 
         Parameters
         ----------

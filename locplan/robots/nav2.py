@@ -57,7 +57,7 @@ class CostmapLayer(NamedTuple):
     """Name of the PluginContainerLayer that holds it, if one does."""
 
     def is_active(self, kind: str) -> bool:
-        """True if the layer is not disabled and its type has this name."""
+        """True if the layer is not disabled and its plugin has this class name."""
         return self.enabled is not False and self.plugin.rpartition("::")[2] == kind
 
 
@@ -101,7 +101,8 @@ def find_inflating_layer(parameters: Nav2Parameters) -> str | None:
     """Return the name of the layer that inflates the global costmap's walls, or None.
 
     Layers update the costs in their order, so that a layer inflates only the layers before it. A
-    layer in a container inflates only the layers in it, so that the map's must be there, too.
+    layer in a container inflates only the layers in it, so that the map's layer must be in the same
+    container.
 
     Parameters
     ----------
@@ -129,7 +130,7 @@ def _lacks_walls(layers: list[CostmapLayer], at: int) -> bool:
 
 
 def list_layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
-    """Yield sentences on layers that Nav2 refuses, and on layers that inflate no walls.
+    """Yield sentences about layers that Nav2 rejects, and about layers that inflate no walls.
 
     Parameters
     ----------
@@ -164,7 +165,7 @@ def list_layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
 
 
 def list_zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
-    """Yield sentences on keepout and speed filters, whose zones are not known.
+    """Yield sentences about keepout and speed filters, whose zones are not known.
 
     The masks that locplan exports are none.
 
@@ -207,6 +208,7 @@ def list_zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
 
 
 def _list_strings(value: Any) -> list[str]:
+    """Return the texts in a value that may be a list."""
     return [text for text in value if isinstance(text, str)] if isinstance(value, list) else []
 
 
@@ -239,7 +241,7 @@ def read_planner_types(parameters: Nav2Parameters) -> dict[str, str]:
 
 
 def read_planner_drives(parameters: Nav2Parameters) -> dict[str, Kinematics | None]:
-    """Return the drives of the planners by name; None is that of a planner without motion model.
+    """Return the drives of the planners by name; None for a planner without motion model.
 
     Parameters
     ----------
@@ -257,7 +259,7 @@ def read_planner_drives(parameters: Nav2Parameters) -> dict[str, Kinematics | No
 def find_active_planner(
     parameters: Nav2Parameters, requested_name: str | None = None
 ) -> str | None:
-    """Return the planner that the user names, else GridBased, else the first one; None without any.
+    """Return the planner that the user names, otherwise GridBased or the first; None without any.
 
     Parameters
     ----------
@@ -282,7 +284,7 @@ def find_active_planner(
 
 
 def describe_drive(drive: Kinematics) -> str:
-    """Return a drive in a few words.
+    """Describe a drive in a few words.
 
     Parameters
     ----------
@@ -296,7 +298,7 @@ def describe_drive(drive: Kinematics) -> str:
 
 
 def find_unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
-    """Return the lattice file of a planner if its motion model is not known, else None.
+    """Return the lattice file of a planner if its motion model is unknown, otherwise None.
 
     Parameters
     ----------
@@ -317,13 +319,14 @@ def find_unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
 
 
 def _planner_class_name(server_parameters: dict[str, Any], planner: str) -> str:
-    """Type of a planner, of both spellings, without its package."""
+    """Return the type of a planner without its package, whichever separator it uses."""
     return (
         str(server_parameters.get(f"{planner}.plugin", "")).replace("/", "::").rpartition("::")[2]
     )
 
 
 def _read_drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
+    """Read the drive that a planner plans for; None for a planner without motion model."""
     server_parameters = parameters.read_node_parameters(PLANNER_SERVER)
     kind = _planner_class_name(server_parameters, planner)
     if kind in ("SmacPlannerHybrid", "SmacPlanner"):  # the latter up to foxy
@@ -342,6 +345,7 @@ def _read_drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
 
 
 def _read_lattice_path(parameters: Nav2Parameters, planner: str) -> str:
+    """Read the path of a planner's lattice file."""
     return str(
         parameters.read_node_parameters(PLANNER_SERVER).get(
             f"{planner}.lattice_filepath", DEFAULT_LATTICE
@@ -350,7 +354,7 @@ def _read_lattice_path(parameters: Nav2Parameters, planner: str) -> str:
 
 
 def _read_lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | None:
-    """Motion model and turning radius of a lattice planner's file, or those in the file's name."""
+    """Read motion model and turning radius from a planner's lattice file, or from its name."""
     text = _read_lattice_path(parameters, planner)
     value = parameters.values(PLANNER_SERVER).get(f"{planner}.lattice_filepath")
     file = parameters.files[value.file].path if value else None
@@ -379,8 +383,8 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
     Parameters
     ----------
     path : path
-        YAML file with a node `amcl`; parameters that are missing there have Nav2's defaults. Where
-        it has several robots, the namespace of one follows, as in "nav2.yaml:robot1".
+        YAML file with a node `amcl`; missing parameters have Nav2's defaults. If it has several
+        robots, append the namespace of one, as in "nav2.yaml:robot1".
 
     Raises
     ------
@@ -397,7 +401,7 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
 
 
 def read_settings(parameters: Nav2Parameters, planner: str | None = None) -> dict[str, Any]:
-    """Return a robot's settings in parameters of Nav2, by the names of `Robot`'s fields.
+    """Read a robot's settings from parameters of Nav2, by the names of `Robot`'s fields.
 
     Those of its filter and its inflation are mappings by the names of the settings.
 
@@ -406,7 +410,7 @@ def read_settings(parameters: Nav2Parameters, planner: str | None = None) -> dic
     parameters : Nav2Parameters
         The parameters.
     planner : str, optional
-        Name of the planner in use; by default GridBased, or else the first one.
+        Name of the active planner; by default GridBased or, without it, the first one.
 
     Raises
     ------
@@ -424,7 +428,7 @@ def read_settings(parameters: Nav2Parameters, planner: str | None = None) -> dic
 
 
 def list_parameter_notes(parameters: Nav2Parameters, planner: str | None = None) -> list[str]:
-    """Return sentences on parameters of Nav2 that are not simulated, or that contradict others.
+    """List sentences about parameters of Nav2 that are not simulated, or that contradict others.
 
     Parameters
     ----------
@@ -444,9 +448,9 @@ def list_parameter_notes(parameters: Nav2Parameters, planner: str | None = None)
 
 
 def read_nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] | None:
-    """Inflation layer of a global costmap by name, and the inscribed radius that it reads [m].
+    """Read the global costmap's inflation layer: its name, settings and inscribed radius [m].
 
-    None where no layer inflates. The radius is that of the padded corners, 16 of a circle.
+    None if no layer inflates. The radius is computed from the padded corners, 16 of a circle.
 
     Parameters
     ----------
@@ -472,7 +476,7 @@ def read_nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, flo
 
 
 def _read_filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
-    """Settings of AMCL, or None without any."""
+    """Read the settings of AMCL; None without any."""
     amcl_parameters = parameters.read_node_parameters(AMCL)
     settings = {name: value for name, value in amcl_parameters.items() if name in SIMULATED}
     if not settings and all(section.is_shared for _, section in parameters.entries(AMCL)):
@@ -489,7 +493,7 @@ def _read_filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
 
 
 def _list_filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
-    """A note on AMCL's parameters that are not simulated."""
+    """Yield a note about AMCL's parameters that are not simulated."""
     amcl_parameters, unshared_parameters = (
         parameters.read_node_parameters(AMCL),
         parameters.read_node_parameters(AMCL, shared=False),
@@ -523,7 +527,7 @@ def _list_filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
 
 
 def _list_conflict_notes(parameters: Nav2Parameters) -> Iterator[str]:
-    """Notes on parameters of which a wildcard and a name have different values."""
+    """Yield notes about parameters whose values for a wildcard and for a name differ."""
     for node in (AMCL, PLANNER_SERVER, GLOBAL_COSTMAP, LOCAL_COSTMAP):
         for conflict in parameters.conflicts(node):
             if node != AMCL or conflict.name in SIMULATED:
@@ -531,9 +535,9 @@ def _list_conflict_notes(parameters: Nav2Parameters) -> Iterator[str]:
 
 
 def _read_outline(parameters: Nav2Parameters) -> dict[str, Any]:
-    """Footprint or radius, and its padding, of the first costmap that has one.
+    """Read footprint or radius, and the padding, of the first costmap that has one.
 
-    As in Nav2, `footprint` counts where it is not "[]", and else `robot_radius`.
+    As in Nav2, `robot_radius` counts only if `footprint` is "[]".
     """
     for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
         costmap_parameters = parameters.read_node_parameters(costmap)
@@ -555,7 +559,7 @@ def _read_outline(parameters: Nav2Parameters) -> dict[str, Any]:
 
 
 def _read_inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
-    """Layer that inflates the global costmap's walls, and its settings; None without one."""
+    """Read the layer that inflates the global costmap's walls; None without one."""
     layer = find_inflating_layer(parameters)
     if layer is None:
         return None
@@ -572,7 +576,7 @@ def _read_inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | 
 
 
 def _read_kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinematics | None:
-    """Kinematics of the planner in use, or of AMCL's motion model if the planner has none."""
+    """Read the kinematics of the active planner, or of AMCL's motion model if it has none."""
     used = find_active_planner(parameters, planner)
     with name_parameter_in_errors(parameters, PLANNER_SERVER, used or ""):
         drive = read_planner_drives(parameters)[used] if used else None
@@ -582,6 +586,7 @@ def _read_kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinemat
 
 
 def _read_amcl_drive(parameters: Nav2Parameters) -> Kinematics:
+    """Read the drive of AMCL's motion model."""
     model = _normalize_motion_model(
         str(parameters.read_node_parameters(AMCL).get("robot_model_type"))
     )
@@ -589,7 +594,7 @@ def _read_amcl_drive(parameters: Nav2Parameters) -> Kinematics:
 
 
 def _list_drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[str]:
-    """Notes on planners without a type, a choice between planners, and an unknown lattice."""
+    """Yield notes about planners without a type, a choice of planners, and an unknown lattice."""
     if missing := [name for name, plugin in read_planner_types(parameters).items() if not plugin]:
         has = "has" if len(missing) == 1 else "have"
         yield f"Nav2 refuses its planners, since {', '.join(missing)} {has} no plugin type; add it"
@@ -616,14 +621,14 @@ def _list_drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterat
 
 
 def _normalize_motion_model(name: str) -> str:
-    """The name of AMCL's motion model, or that of one which was named otherwise before Humble."""
+    """Return the name of AMCL's motion model, also for the names before Humble."""
     older = {"differential": DIFFERENTIAL, "omnidirectional": OMNIDIRECTIONAL}
     return older.get(name, name)
 
 
 @contextmanager
 def name_file_in_errors(path: str | os.PathLike[str], place: str = "") -> Iterator[None]:
-    """Name the file, and the place in it, in an error of the block."""
+    """Add the file, and the place in it, to an error of the block."""
     try:
         yield
     except ConfigError as error:
@@ -634,9 +639,9 @@ def name_file_in_errors(path: str | os.PathLike[str], place: str = "") -> Iterat
 def name_parameter_in_errors(
     parameters: Nav2Parameters, node: str, plugin: str = ""
 ) -> Iterator[None]:
-    """Name the file of a parameter, the node and the plugin in an error of the block.
+    """Add a parameter's file, node and plugin to an error of the block.
 
-    It is the file that has the parameter with which the error begins.
+    The error must begin with the parameter's name.
     """
     try:
         yield
@@ -650,7 +655,7 @@ def name_parameter_in_errors(
 
 
 def _list_unsimulated_parameters(amcl_parameters: Mapping[str, object]) -> Iterator[str]:
-    """Names of parameters in `NOT_SIMULATED` that matter with the values given."""
+    """Yield names of parameters in `NOT_SIMULATED` whose values have an effect."""
     if (
         amcl_parameters.get("do_beamskip")
         and amcl_parameters.get("laser_model_type") == "likelihood_field_prob"

@@ -1,4 +1,4 @@
-"""Changes of parameter files that leave all else in them as it is."""
+"""Edits of parameter files that preserve comments and layout."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from locplan.robots.parameters import (
 def edit_parameters(
     path: str | os.PathLike[str], node: str, values: Mapping[str, float | str | bool]
 ) -> bytes:
-    """Content of a parameter file with other values of one node's parameters.
+    """Return the content of a parameter file with some parameters of a node replaced.
 
-    They stand where the values in force stood; comments and layout stay. Parameters that are
-    missing are inserted above the first one of an entry for this node, or in a new entry.
+    Values are replaced in place; comments and layout stay. Missing parameters are inserted above
+    the first one of an entry for this node, or in a new entry.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ def edit_parameters(
 
 
 def edit_files(before: Nav2Parameters, after: Nav2Parameters) -> dict[Path, bytes]:
-    """Content of the files that `Nav2Parameters.changed` has edited, as `edit_parameters` has it.
+    """Return the content of the files that differ between two sets of parameters.
 
     Parameters
     ----------
     before, after : Nav2Parameters
-        The parameters of files, and those with other values, or with more.
+        The parameters in the files, and the same parameters with changed or added values.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def edit_files(before: Nav2Parameters, after: Nav2Parameters) -> dict[Path, byte
 
 
 def _edit_content(before: ParameterFile, after: ParameterFile) -> bytes:
-    """Content of a file whose values have become others."""
+    """Return the content of a file after its values have changed."""
     file = before.path
     assert file is not None
     content = read_content(file, MAX_BYTES, REMEDY)
@@ -104,7 +104,7 @@ def _edit_content(before: ParameterFile, after: ParameterFile) -> bytes:
 def _list_changed_values(
     before: Mapping[str, Any], after: Mapping[str, Any], above: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Keys and value of what is another, or new, in a mapping of mappings."""
+    """Yield keys and value of everything new or changed in a mapping of mappings."""
     for key, value in after.items():
         old_value, keys = before.get(key), (*above, key)
         if isinstance(old_value, dict) and isinstance(value, dict):
@@ -114,7 +114,7 @@ def _list_changed_values(
 
 
 def _find_last_pair(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
-    """Key and value at the end of keys, the last ones where a key stands several times."""
+    """Return key node and value node at some keys; the last ones if a key occurs several times."""
     if not (keys and mapping is not None and mapping.id == "mapping"):
         return None
     first, *inner = keys
@@ -127,7 +127,7 @@ def _find_last_pair(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None
 
 
 def _make_replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, int, str]:
-    """Beginning, end and new text of a value."""
+    """Return start, end and new text of a value."""
     start, end = value.start_mark.index, value.end_mark.index
     if value.id == "sequence" and not value.flow_style:  # which ends where the next thing begins
         return (
@@ -149,7 +149,7 @@ def _make_replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, i
 def _make_insertion(
     text: str, root: Any, keys: Sequence[str], values: Mapping[str, Any]
 ) -> tuple[int, int, str]:
-    """Where missing parameters are inserted, twice, and their text."""
+    """Return the place of missing parameters, as start and end, and their text."""
     lines = [f"{name}: {flow_text(value)}" for name, value in values.items()]
     node_pair = _find_last_pair(root, keys)
     mapping: Any = node_pair[1] if node_pair else root

@@ -46,24 +46,24 @@ class ParameterFile:
 
     @property
     def sections(self) -> Iterator[NodeSection]:
-        """All entries in the order in which they stand."""
+        """Yield all entries in their order in the file."""
         return iterate_sections(self.content, ())
 
     def is_for_robot(self, section: NodeSection) -> bool:
-        """Return whether an entry can be for nodes in the robot's namespace."""
+        """True if an entry can be for nodes in the robot's namespace."""
         namespace = self.namespace.strip("/")
         inside = f"{section.name.strip('/')}/".startswith(f"{namespace}/")
         return not namespace or inside or "*" in section.name
 
     def relative_name(self, section: NodeSection) -> str:
-        """Name of an entry as seen from the robot's namespace."""
+        """Return the name of an entry relative to the robot's namespace."""
         slash = "/" if section.name.startswith("/") else ""
         inner = f"{section.name.strip('/')}/".removeprefix(f"{self.namespace.strip('/')}/")
         return slash + inner.strip("/")
 
 
 class NodeSection(NamedTuple):
-    """The parameters that a file has for the nodes of a name."""
+    """The parameters in a file for nodes of one name."""
 
     keys: tuple[str, ...]
     """The keys that lead to them."""
@@ -73,11 +73,11 @@ class NodeSection(NamedTuple):
 
     @property
     def is_shared(self) -> bool:
-        """Whether they are for nodes of any name."""
+        """True if they are for nodes of any name."""
         return self.name.endswith("*")
 
     def matches_node(self, node: str) -> bool:
-        """Whether a node has them: * stands for one name, ** for any number of them."""
+        """True if they are for a node: * stands for one name, ** for any number of them."""
         names = node.strip("/").split("/")
         reached = {0}
         for part in filter(None, self.name.split("/")):
@@ -108,6 +108,7 @@ class ParameterValue(NamedTuple):
 
 
 def iterate_sections(content: Parameters, keys: tuple[str, ...]) -> Iterator[NodeSection]:
+    """Yield the entries of parameters for nodes in a file."""
     for key, value in content.items():
         if key == PARAMETERS and keys:
             yield NodeSection(
@@ -118,16 +119,16 @@ def iterate_sections(content: Parameters, keys: tuple[str, ...]) -> Iterator[Nod
 
 
 def list_section_values(at: int, section: NodeSection) -> Iterator[ParameterValue]:
-    """All values in an entry."""
+    """Yield all values in an entry."""
     for path, value in leaves(section.parameters):
         yield ParameterValue(value, at, section, path)
 
 
 def merge_sections(sections: Sequence[tuple[int, NodeSection]]) -> list[ParameterValue]:
-    """The values of entries of one name, in the order in which later ones replace earlier ones.
+    """Merge entries of one name; later values replace earlier ones.
 
-    rcl_yaml_param_parser replaces the first value of a plain name, but appends that of a name in
-    a mapping (find_parameter in parse.c looks for the mapping's name).
+    rcl_yaml_param_parser replaces the first value of a plain name, but appends the value of a name
+    in a mapping (find_parameter in parse.c searches the mapping's name).
     """
     values: list[ParameterValue] = []
     first: dict[str, int] = {}
@@ -143,9 +144,9 @@ def merge_sections(sections: Sequence[tuple[int, NodeSection]]) -> list[Paramete
 
 
 def read_component_values(at: int, file: ParameterFile, node: str) -> dict[str, ParameterValue]:
-    """The values that launch_ros takes from a file for a node in a component container.
+    """Return the values that launch_ros takes from a file for a node in a component container.
 
-    Those of its name replace whole parts of those of "/**", such as all settings of a plugin.
+    Values for its name replace whole mappings of "/**", such as all settings of a plugin.
     """
     sections = {
         "/".join(key.lstrip("/") for key in parameter.keys): parameter
@@ -166,7 +167,7 @@ def read_component_values(at: int, file: ParameterFile, node: str) -> dict[str, 
 def leaves(
     parameters: Parameters, above: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """The keys that lead to each value, and the value."""
+    """Yield each value with the keys that lead to it."""
     for key, value in parameters.items():
         if isinstance(value, dict):
             yield from leaves(value, (*above, key))
@@ -195,9 +196,9 @@ class ParameterConflict(NamedTuple):
 class Nav2Parameters:
     """The parameters of one robot's nodes in files of Nav2, as ROS resolves them.
 
-    A node has those of all entries whose name fits its own, "/**" and "/*" included. A launch file
-    that rewrites the parameters, as nav2_bringup's does, first sorts the entries by name: where
-    those with wildcards stand first in the file, the result is the same.
+    A node gets the parameters of all entries whose name matches its name, including "/**" and "/*".
+    A launch file that rewrites the parameters, such as nav2_bringup's, first sorts the entries by
+    name. The result is the same if entries with wildcards come first in the file.
     """
 
     files: tuple[ParameterFile, ...] = ()
@@ -214,7 +215,8 @@ class Nav2Parameters:
         return next((file.namespace for file in self.files if file.namespace), "")
 
     def entries(self, node: str) -> list[tuple[int, NodeSection]]:
-        """The entries for a node and the indices of their files, in the order in which they count.
+        """Return the entries for a node and the indices of their files, in the order of
+        application.
 
         Parameters
         ----------
@@ -234,7 +236,7 @@ class Nav2Parameters:
     def values(
         self, node: str, *, shared: bool = True, component: bool = False
     ) -> dict[str, ParameterValue]:
-        """Values in force of a node's parameters, with their places.
+        """Return the effective values of a node's parameters, with their places.
 
         Parameters
         ----------
@@ -262,7 +264,7 @@ class Nav2Parameters:
     def read_node_parameters(
         self, node: str, *, shared: bool = True, component: bool = False
     ) -> Parameters:
-        """Parameters of a node by their names in ROS, such as GridBased.plugin.
+        """Return the parameters of a node by their names in ROS, such as GridBased.plugin.
 
         Parameters
         ----------
@@ -273,10 +275,10 @@ class Nav2Parameters:
         return {name: parameter.value for name, parameter in values.items()}
 
     def conflicts(self, node: str) -> list[ParameterConflict]:
-        """Parameters of a node of which a wildcard and a name have different values.
+        """List parameters of a node whose values for a wildcard and for a name differ.
 
-        They are those that a component container gives another value, and those of which a later
-        file's wildcard replaces the value for the node's name.
+        A component container gives them a different value, or a later file's wildcard replaces the
+        value for the node's name.
 
         Parameters
         ----------
@@ -300,7 +302,7 @@ class Nav2Parameters:
         return conflicts
 
     def place(self, node: str, name: str) -> tuple[int, tuple[str, ...]]:
-        """The file's index and the keys of the value in force, or of where it belongs.
+        """Return file index and keys of a parameter's effective value, or of the place to add it.
 
         Parameters
         ----------
@@ -317,7 +319,7 @@ class Nav2Parameters:
         return at, (*(exact_keys or unshared_keys or [new])[-1], PARAMETERS, *name.split("."))
 
     def find_file_index(self, node: str) -> int | None:
-        """Index of the file that has most parameters of a node, or None if no file names the node.
+        """Return the index of the file with most parameters of a node; None if no file names it.
 
         Parameters
         ----------
@@ -331,14 +333,14 @@ class Nav2Parameters:
         return max(sorted(counts), key=lambda at: counts[at]) if counts else None
 
     def names(self, node: str, name: str, default: Sequence[str] = ()) -> list[str]:
-        """The names that a parameter of a node lists, or others without any.
+        """Return the list of names in a parameter of a node.
 
         Parameters
         ----------
         node, name : str
             Names of the node and the parameter.
         default : sequence of str, default ()
-            The names where the parameter is missing.
+            The names if the parameter is missing.
 
         Raises
         ------
@@ -351,7 +353,7 @@ class Nav2Parameters:
         return list(name_list)
 
     def with_values(self, node: str, values: Mapping[str, Any]) -> Nav2Parameters:
-        """Parameters with other values for a node, which stand where those in force stood.
+        """Return the parameters with some values of a node replaced, in place.
 
         Parameters
         ----------
@@ -374,7 +376,7 @@ class Nav2Parameters:
         return Nav2Parameters(tuple(files))
 
     def merge_files(self) -> Nav2Parameters:
-        """The same parameters in one file, which no path names."""
+        """Return the same parameters as one file without a path."""
         if len(self.files) == 1:
             return self
         return Nav2Parameters((ParameterFile(None, self._merged_content(), self.namespace),))
@@ -394,12 +396,13 @@ class Nav2Parameters:
         return content
 
     def _namespace_of_file(self, at: int) -> str:
+        """Return the robot's namespace in a file."""
         return self.files[at].namespace if self.files else ""
 
     def _group_sections(self) -> list[list[tuple[int, NodeSection]]]:
-        """All entries with the indices of their files, those of the same name together.
+        """Group all entries, with the indices of their files, by name.
 
-        A name counts where it first stands in any file, as in rcl_yaml_param_parser.
+        The order of the names is the order of their first entries, as in rcl_yaml_param_parser.
         """
         groups: dict[str, list[tuple[int, NodeSection]]] = {}
         for at, file in enumerate(self.files):
@@ -408,7 +411,7 @@ class Nav2Parameters:
         return list(groups.values())
 
     def _find_all_values(self, node: str, name: str) -> list[ParameterValue]:
-        """All values of a node's parameter that stand in the files."""
+        """Return all values of a node's parameter in the files."""
         return [
             parameter
             for at, section in self.entries(node)
@@ -417,6 +420,7 @@ class Nav2Parameters:
         ]
 
     def _conflict_text(self, node: str, name: str, loaded: ParameterValue) -> str:
+        """Return the values of a parameter and their files in one sentence."""
         stands = [
             f"{short_repr(parameter.value)} for {parameter.section.name}"
             f" ({self.files[parameter.file].title})"
@@ -441,15 +445,15 @@ REMEDY = "give Nav2's parameters"
 def read_parameters(*paths: str | os.PathLike[str] | None) -> Nav2Parameters:
     """Read the parameters in files of Nav2; without a file there are none.
 
-    As in ROS, names are texts, and values are numbers, true, false, texts, or lists of them; what
-    YAML makes something else of, such as a date, is a text. Aliases are written out.
+    As in ROS, names are texts, and values are numbers, true, false, texts, or lists of them; a
+    value of another YAML type, such as a date, is a text. Aliases are written out.
 
     Parameters
     ----------
     *paths : path or None
         The YAML files, of at most 128 KiB, with parameters of nodes of Nav2 such as amcl; later
-        ones replace single parameters. Where a file has several robots, the namespace of one
-        follows: "nav2.yaml:robot1", or "nav2.yaml:/" for the robot without one.
+        ones replace single parameters. If a file has several robots, append the namespace of one:
+        "nav2.yaml:robot1", or "nav2.yaml:/" for the robot without one.
 
     Returns
     -------
@@ -473,7 +477,7 @@ def read_parameters(*paths: str | os.PathLike[str] | None) -> Nav2Parameters:
 
 
 def split_robot_name(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
-    """The file that a path names, and the robot's name after a colon, if there is one.
+    """Split a path into the file and the robot's name after a colon, if there is one.
 
     Parameters
     ----------
@@ -495,7 +499,7 @@ def split_robot_name(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
 def resolve_parameters(
     files: Sequence[ParameterFile], robots: Sequence[str | None] = (None,)
 ) -> Nav2Parameters:
-    """Parameters in files, with the robots that their paths name; see `read_parameters`."""
+    """Resolve the parameters in files for the robots that their paths name."""
     for file in files:
         remedy = f"{REMEDY} of ROS 2, or single values by --set, as --set alpha1=0.1"
         if (key := _find_ros1_name(file)) is not None:
@@ -546,7 +550,7 @@ ROS1_NAMES = {
 
 
 def _find_ros1_name(file: ParameterFile) -> str | None:
-    """A name by which a file is one of ROS 1, or None."""
+    """Return a name that only files of ROS 1 have, or None."""
     if next(file.sections, None) is not None:
         return None
     contents = [file.content]
@@ -560,7 +564,7 @@ def _find_ros1_name(file: ParameterFile) -> str | None:
 
 
 def _find_bare_node(file: ParameterFile) -> str | None:
-    """A node of Nav2 in a file without any `ros__parameters`, or None."""
+    """Return a node of Nav2 in a file without any `ros__parameters`, or None."""
     if next(file.sections, None) is not None:
         return None
     names = {node.partition("/")[0] for node in NODES}
@@ -568,7 +572,7 @@ def _find_bare_node(file: ParameterFile) -> str | None:
 
 
 def _find_namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) -> list[str]:
-    """Namespace of the robot in each file: the one that is named, or the only one."""
+    """Return the robot's namespace in each file: the requested one, or the only one."""
     robots_in_files = [_list_robot_namespaces(file) for file in files]
     requested = [None if robot is None else f"/{robot.strip('/')}".rstrip("/") for robot in robots]
     accepted = {namespace for namespace in requested if namespace is not None}
@@ -604,7 +608,7 @@ def _find_namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None
 
 
 def _list_robot_namespaces(file: ParameterFile) -> list[str]:
-    """Namespaces of the robots that a file names."""
+    """List the namespaces of the robots in a file."""
     names = {robot.name for robot in file.sections}
     nodes = {(f"/{name.strip('/')}", f"/{node}") for name in names for node in NODES}
     robots = sorted({name.removesuffix(node) for name, node in nodes if name.endswith(node)})
@@ -612,7 +616,7 @@ def _list_robot_namespaces(file: ParameterFile) -> list[str]:
 
 
 def parse_yaml_values(file: Path, content: bytes, remedy: str) -> Parameters:
-    """Values of a file's YAML by name, as ROS reads them; none if it holds others."""
+    """Parse a file's YAML into values by name, as ROS reads them; None for other content."""
     root = compose_yaml(file, content, remedy)
     try:
         values = None if root is None else _PlainValues().read_node(root)
@@ -623,13 +627,13 @@ def parse_yaml_values(file: Path, content: bytes, remedy: str) -> Parameters:
 
 
 class _PlainValues:
-    """The values of YAML's nodes; an OverflowError if there are more than `MAX_VALUES`."""
+    """A reader of YAML nodes; an OverflowError at more than `MAX_VALUES` values."""
 
     def __init__(self) -> None:
         self.count = 0
 
     def read_node(self, node: Any) -> Any:
-        """Value of a node, and of all in it."""
+        """Return the value of a node and all nodes in it."""
         self.count += 1
         if self.count > MAX_VALUES:
             raise OverflowError
@@ -648,6 +652,7 @@ class _PlainValues:
         return str(node.value) if too_long else value
 
     def _read_mapping(self, node: Any) -> Parameters:
+        """Return a mapping node as a dict."""
         direct_values: Parameters = {}
         merged: Parameters = {}
         for key, value in node.value:
@@ -662,7 +667,7 @@ class _PlainValues:
 
 
 def _merge_values(first: Any, then: Any) -> Any:
-    """The later of two values of a name, or what both hold: ROS reads all of them."""
+    """Return the later of two values of a name; two mappings are merged, as in ROS."""
     if not (isinstance(first, dict) and isinstance(then, dict)):
         return then
     return first | {name: _merge_values(first.get(name), value) for name, value in then.items()}

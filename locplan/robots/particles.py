@@ -1,4 +1,4 @@
-"""AMCL's particle filter, with what its kernels take of the settings, the map and the lidar."""
+"""AMCL's particle filter, and the arguments of its kernels: settings, map and lidar."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ UPDATED, RESAMPLED, NOW = range(3)
 
 
 class ParticleFilter:
-    """AMCL as it runs, see `Tracker`; its numbers are those of simulated drives and replays.
+    """AMCL as a running filter, see `Tracker`; simulated drives and replays use the same numbers.
 
     Parameters
     ----------
@@ -54,13 +54,13 @@ class ParticleFilter:
         self._covariance = np.full((3, 3), np.nan)
 
     def motion(self, odometry: Floats) -> None:
-        """Take the pose that odometry has added up; see `Tracker.motion`."""
+        """Update with the accumulated pose of odometry; see `Tracker.motion`."""
         self._odometry[NOW] = odometry
         if not self._has_started:
             self._odometry[:] = odometry
 
     def scan(self, ranges: NDArray[np.float32]) -> None:
-        """Move, weigh and resample the particles if the robot came far enough; `Tracker.scan`."""
+        """Update with a scan if the robot came far enough; see `Tracker.scan`."""
         from locplan._support.kernels import drives
 
         state, random = self._tracker.state, self._random
@@ -79,7 +79,7 @@ class ParticleFilter:
         self._odometry[UPDATED], state[drives.UPDATED] = self._odometry[NOW], UPDATED
 
     def estimate(self) -> Floats:
-        """Mean of the heaviest cluster, moved on with odometry; see `Tracker.estimate`."""
+        """Return the mean of the heaviest cluster, moved by odometry; see `Tracker.estimate`."""
         from locplan._support.kernels.drives import estimate_pose
 
         x, y, heading = estimate_pose(self._tracker, self._odometry, NOW)
@@ -88,13 +88,13 @@ class ParticleFilter:
         return np.array([*map(float, at), heading + self._grid.origin[2]])
 
     def covariance(self) -> Floats:
-        """Covariance of all particles, as AMCL publishes it where it has just resampled them."""
+        """Return the covariance of all particles, as AMCL publishes it right after resampling."""
         turn = make_rotation_matrix(self._grid.origin[2])
         return np.asarray(turn @ self._covariance @ turn.T)
 
 
 def filter_settings(amcl: Amcl) -> FilterSettings:
-    """AMCL's parameters as the kernels take them.
+    """Return AMCL's parameters as the kernels take them.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def filter_settings(amcl: Amcl) -> FilterSettings:
 
 
 def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
-    """Ends of the beams of scans that AMCL compares, (n, some beams, 2) on the robot [m].
+    """Return the ends of the beams that AMCL compares, (n, some beams, 2) on the robot [m].
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
 def beam_scores(
     grid: OccupancyGrid, amcl: Amcl, lidar: Lidar, values: NDArray[np.float32] | None = None
 ) -> BeamScores:
-    """Scores that beams add to particles on a map, as the kernels take them.
+    """Return the scores that beams add to particles on a map, as the kernels take them.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def beam_scores(
 
 
 def compute_score_values(grid: OccupancyGrid, amcl: Amcl, lidar: Lidar) -> NDArray[np.float32]:
-    """Score that a beam adds to a particle, for each cell where it may end, by AMCL's models.
+    """Compute a beam's score by AMCL's models, for each cell in which it may end.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def compute_score_values(grid: OccupancyGrid, amcl: Amcl, lidar: Lidar) -> NDArr
 
 
 def _compute_score(distance: Any, amcl: Amcl, reach: float) -> Any:
-    """Score of a beam that ends at a distance from the nearest wall [m], float32."""
+    """Compute the score of a beam that ends at a distance from the nearest wall [m], float32."""
     hit = amcl.z_hit * np.exp(-(distance**2) / (2 * amcl.sigma_hit**2))
     likelihood = hit + amcl.z_rand / reach
     if amcl.multiplies:

@@ -1,4 +1,4 @@
-"""The parts of a robot: its outline, how it moves, how its odometry errs, and what disturbs it."""
+"""The parts of a robot: outline, kinematics, odometry errors, and disturbances."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ NEAREST_OBJECT, FARTHEST_OBJECT = 0.5, 2.0
 class Odometry(Settings):
     """Errors of a robot's odometry.
 
-    The defaults are those of a small robot indoors, set before anything was measured with them.
-    `locplan.recordings.calibration.calibrate_drive` finds those of a recorded drive.
+    The defaults suit a small robot indoors. They were set before any measurement.
+    `locplan.recordings.calibration.calibrate_drive` fits them to a recorded drive.
 
     Raises
     ------
@@ -131,8 +131,8 @@ class Odometry(Settings):
 class Disturbances(Settings):
     """Disturbances of a lidar and a filter, and worlds that differ from the map.
 
-    The defaults are those of a small robot indoors, set before anything was measured with them.
-    `locplan.recordings.calibration.calibrate_drive` finds those of a recorded drive.
+    The defaults suit a small robot indoors. They were set before any measurement.
+    `locplan.recordings.calibration.calibrate_drive` fits them to a recorded drive.
 
     Raises
     ------
@@ -206,7 +206,7 @@ class Footprint:
 
     @classmethod
     def from_text(cls, text: str) -> Footprint:
-        """Footprint of a text as Nav2's parameter files have it.
+        """Parse a footprint from a text of Nav2's parameter files.
 
         Parameters
         ----------
@@ -252,7 +252,7 @@ class Footprint:
         return hash(self.vertices.tobytes())
 
     def find_first_collision(self, grid: OccupancyGrid, poses: Any) -> tuple[float, float] | None:
-        """Position along a path where the outline first meets an occupied cell, or None.
+        """Find the first position on a path at which the outline meets an occupied cell.
 
         A path without headings is driven forward: the robot heads along each line and turns on
         the spot, the shorter way, where two lines meet. The check is exact for lines; in turns the
@@ -269,7 +269,7 @@ class Footprint:
         Returns
         -------
         (x, y) or None
-            The position where the colliding line or turn begins [m].
+            Start of the colliding line or turn [m]; None without a collision.
         """
         moves = _poses_on_grid(grid, np.asarray(getattr(poses, "poses", poses), np.float64))
         hit = next(self._find_hits(grid, moves), -1)
@@ -279,7 +279,8 @@ class Footprint:
         return float(x), float(y)
 
     def find_collisions(self, grid: OccupancyGrid, poses: Floats) -> Ints:
-        """Indices of all lines between poses along which the outline meets an occupied cell.
+        """Return the indices of all lines between poses along which the outline meets an occupied
+        cell.
 
         Parameters
         ----------
@@ -296,7 +297,7 @@ class Footprint:
         return np.array([*self._find_hits(grid, _poses_on_grid(grid, poses))], np.int64)
 
     def _find_hits(self, grid: OccupancyGrid, moves: Floats) -> Iterator[int]:
-        """Indices of the colliding lines between poses (n, 3) of (col, row, heading)."""
+        """Yield the indices of the colliding lines between poses (n, 3) of (col, row, heading)."""
         from locplan._support.kernels.outlines import find_first_hit, sum_rows
 
         sums, corners, begin = sum_rows(grid.cells == OCCUPIED), self.vertices / grid.resolution, 0
@@ -306,7 +307,8 @@ class Footprint:
 
 
 def _poses_on_grid(grid: OccupancyGrid, poses: Floats) -> Floats:
-    """Poses (n, 3) of (col, row, heading) along a path [cells, rad], in whose moves it is driven.
+    """Return poses (n, 3) of (col, row, heading) along a path [cells, rad], split into single
+    moves.
 
     Without headings the robot heads along each line, and turns where two meet.
     """
@@ -323,6 +325,7 @@ def _poses_on_grid(grid: OccupancyGrid, poses: Floats) -> Floats:
 
 
 def _parse_corners(vertices: ArrayLike) -> Floats:
+    """Return the corners of an outline as an array (n, 2)."""
     try:
         corners = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
@@ -334,6 +337,7 @@ def _parse_corners(vertices: ArrayLike) -> Floats:
 
 
 def _compute_hull(corners: NDArray[Any]) -> Floats:
+    """Return the convex hull of corners, counter-clockwise."""
     import cv2
 
     order = cv2.convexHull(corners.astype(np.float32), returnPoints=False)
@@ -341,6 +345,6 @@ def _compute_hull(corners: NDArray[Any]) -> Floats:
 
 
 def _compute_normals(polygon: NDArray[Any]) -> Floats:
-    """Outward normals of a polygon's edges, as long as the edges; counter-clockwise corners."""
+    """Return outward normals of a counter-clockwise polygon's edges, as long as the edges."""
     x, y = (np.roll(polygon, -1, axis=0) - polygon).T
     return np.column_stack([y, -x])

@@ -21,9 +21,10 @@ AMCL_PRESETS: Final[dict[str, dict[str, Any]]] = {
 }
 """Values of AMCL's parameters by preset, in the order in which the presets are tried.
 
-With the safe preset the filter updates more often, and all else stays as the user has it. With the
-precise preset errors are small if odometry and map are sound, but a robot that gets lost does not
-return. Mixtures of both are no safer than the precise one on recorded drives."""
+With the safe preset the filter updates more often, and all further parameters keep the user's
+values. With the precise preset errors are small if odometry and map are sound, but a robot that
+gets lost does not recover. Mixtures of both are no safer than the precise one on recorded
+drives."""
 PRESET_PARAMETERS: Final = tuple(
     {name: None for values in AMCL_PRESETS.values() for name in values}
 )
@@ -66,7 +67,7 @@ def list_applicable_presets(amcl: Amcl) -> dict[str, Amcl]:
 
 
 def describe_preset(name: str) -> str:
-    """Return the changes of a preset in words.
+    """Describe the changes of a preset in words.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A robot: all that decides how it plans and localizes, in one object."""
+"""A robot: all settings that decide how it plans and localizes, in one object."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from locplan.robots.parts import Disturbances, Footprint, Inflation, Kinematics,
 
 @dataclass(frozen=True, repr=False)
 class Robot(Settings):
-    """A robot with a 2D lidar: what it is, how it moves, and how it localizes.
+    """A robot with a 2D lidar: its outline, kinematics, filter and odometry.
 
     Every part may be left out; a robot is known when its lidar is.
 
@@ -117,7 +117,7 @@ class Robot(Settings):
         lidar: Lidar | str | None = None,
         planner: str | None = None,
     ) -> Robot:
-        """Robot of one or more files, of which later ones replace single settings of earlier ones.
+        """Read a robot from one or more files; later files replace single settings of earlier ones.
 
         Parameters
         ----------
@@ -130,16 +130,16 @@ class Robot(Settings):
             robot moves sideways if amcl's motion model does.
         lidar : Lidar or str, optional
             The lidar, or its name, in place of the files'. A URDF or SDF then needs no sensor.
-            Unless the lidar has a mount, its mount is that of the file's sensor, or of the only
-            link that is named as a scanner's frame, such as laser_frame or base_scan.
+            If the lidar has no mount, it gets the mount of the file's sensor, or of the only link
+            that is named like a scanner's frame, such as laser_frame or base_scan.
         planner : str, optional
-            Name of the planner in Nav2's parameters that has the robot's drive; by default
-            GridBased, with which Nav2's default tree plans, or else the first one.
+            Name of the planner in Nav2's parameters that decides the robot's drive; by default
+            GridBased, which Nav2's default tree uses, or the first one.
 
         Raises
         ------
         LocplanError
-            If a file cannot be read, says nothing of a robot, or a value is out of its range.
+            If a file cannot be read or has no settings of a robot, or a value is out of its range.
 
         Warns
         -----
@@ -158,7 +158,7 @@ class Robot(Settings):
         Parameters
         ----------
         path : path
-            The file, named *.yaml; one that is there is replaced.
+            The file, named *.yaml. An existing file is replaced.
 
         Raises
         ------
@@ -173,7 +173,7 @@ class Robot(Settings):
             temporary.write_text(dump_yaml(content, default_flow_style=None), encoding="utf-8")
 
     def summary(self) -> dict[str, Any]:
-        """All settings by the names of the fields, fit for JSON and YAML."""
+        """Return all settings by the names of the fields, fit for JSON and YAML."""
         is_custom_filter = not isinstance(
             self.filter, Amcl
         )  # a filter of one's own, which may hold anything
@@ -186,7 +186,7 @@ class Robot(Settings):
 
     @classmethod
     def from_summary(cls, settings: Mapping[str, Any]) -> Robot:
-        """Robot of what `summary` gave; what is missing has its default.
+        """Build a robot from the result of `summary`; missing settings have their defaults.
 
         Parameters
         ----------
@@ -202,14 +202,16 @@ class Robot(Settings):
 
     @property
     def digest(self) -> str:
-        """Digest of all settings, 16 hexadecimal digits; equal robots have the same."""
+        """Digest of all settings, 16 hexadecimal digits; the same for equal robots."""
         lidar = self.lidar and replace(self.lidar, model="")  # a name, and no setting
         text = json.dumps(replace(self, lidar=lidar).summary(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @property
     def title(self) -> str:
-        """The lidar, the size, and what differs from the defaults, in one line for people."""
+        """The lidar, the size, and all settings that differ from the defaults, in one line for
+        people.
+        """
         lidar = self.lidar.title if self.lidar else "no lidar named"
         outline = self.outline
         size = f"{len(outline.vertices)} corners" if outline else f"radius {self.footprint:g} m"
@@ -223,21 +225,21 @@ class Robot(Settings):
 
     @property
     def known_lidar(self) -> Lidar:
-        """The lidar; a ConfigError where it is not known."""
+        """The lidar; a ConfigError if it is not known."""
         if self.lidar is None:
             raise ConfigError('the lidar is not known; name it, as in Robot("turtlebot4")')
         return self.lidar
 
     @property
     def amcl(self) -> Amcl:
-        """The filter, where it is AMCL; a ConfigError where it is another."""
+        """The filter if it is AMCL; otherwise a ConfigError."""
         if not isinstance(self.filter, Amcl):
             raise ConfigError(f"{self.filter.title} is not AMCL, whose parameters are read here")
         return self.filter
 
     @property
     def outline(self) -> Footprint | None:
-        """The footprint, where it is no circle."""
+        """The footprint; None for a circle."""
         return self.footprint if isinstance(self.footprint, Footprint) else None
 
     @property
@@ -247,7 +249,7 @@ class Robot(Settings):
         return (inner.inscribed_radius if isinstance(inner, Footprint) else inner) + self.margin
 
     def with_settings(self, changes: Mapping[str, Any]) -> Robot:
-        """Robot with other settings, whichever part they belong to.
+        """Return the robot with some settings of any part replaced.
 
         A setting of a lidar that is not known makes one, of 12 m that sees all round by default.
 
@@ -282,7 +284,7 @@ class Robot(Settings):
 
 
 def planning_radius(robot: Robot | float) -> float:
-    """Radius that is planned with [m].
+    """Return the radius for planning [m].
 
     Parameters
     ----------
@@ -298,7 +300,7 @@ def planning_radius(robot: Robot | float) -> float:
 
 
 def format_radius(robot: Robot | None, radius: float) -> str:
-    """Return the radius of a robot for people, with its margin apart.
+    """Return the radius of a robot for people, with its margin separately.
 
     Parameters
     ----------
@@ -319,7 +321,7 @@ def format_radius(robot: Robot | None, radius: float) -> str:
 
 
 def list_settings(robot: Robot) -> Table:
-    """Return the settings that `Robot.changed` changes, with their values and meanings.
+    """Return a table of the settings that `Robot.with_settings` changes, with values and meanings.
 
     Parameters
     ----------

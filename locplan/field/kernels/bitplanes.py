@@ -134,7 +134,7 @@ def disc_sums(
 
 
 class BlockCounts(NamedTuple):
-    """Blocks of one edge after the other, and the numbers of the map's cells in them.
+    """Blocks of all edge lengths, concatenated, and the numbers of the map's cells in them.
 
     `counts` are mod 2^16, (edge, plane, col, row mod step, row div step), flat, counted in the
     window's units.
@@ -153,7 +153,8 @@ class BlockCounts(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def fill_summed_table(octets: Octets, table: Shorts) -> None:
-    """Fill in the cells set before each column and row mod 2^16, (plane, col + 1, row + 1).
+    """Fill in the number of cells set before each column and row mod 2^16, (plane, col + 1, row +
+    1).
 
     `octets` are strips, (plane, col, row).
     """
@@ -171,9 +172,9 @@ def fill_summed_table(octets: Octets, table: Shorts) -> None:
 
 @njit(nogil=True, cache=True)
 def count_blocks(table: Shorts, top: int, left: int, edge: int, unit: int, counts: Shorts) -> None:
-    """Fill in the cells set in each block, (plane, col, row mod step, row div step).
+    """Fill in the number of cells set in each block, (plane, col, row mod step, row div step).
 
-    Blocks begin at every `unit`-th row and column of the table from (left, top) on; those that end
+    Blocks begin at every `unit`-th row and column of the table from (left, top) on; blocks that end
     beyond it are 0.
     """
     step_units = counts.shape[2]
@@ -195,7 +196,7 @@ def count_blocks(table: Shorts, top: int, left: int, edge: int, unit: int, count
 
 
 class TemplateCounts(NamedTuple):
-    """What a template has in each block, and where the block's counts are."""
+    """Numbers of a template's cells in each block, and the places of the blocks' counts."""
 
     free: Shorts  # (block,)
     occupied: Shorts
@@ -223,7 +224,7 @@ def keep_lines(
     table : (plane, col + 1, row + 1) array of uint16
         Result of `sum_up` for the map turned by the heading.
     corners : (n,) array of int64
-        Places in the table at which the cells' discs begin.
+        Places in the table of the first cells of the discs.
     limit, shift : int
         The limit is below 65,535.
     is_kept : (n, dx) array of bool
@@ -283,7 +284,7 @@ def reject_lines(
     read: TemplateCounts,
     is_kept: Bools,
 ) -> bool:
-    """Take the marks off lines without an offset up to the limit; return whether any is left."""
+    """Unmark lines without an offset up to the limit; return True if any is left."""
     free, occupied, places = read
     counts, line_stride, plane_stride = blocks.counts, blocks.line_stride, blocks.plane_stride
     first, last, offsets = blocks.starts[size], blocks.starts[size + 1], is_kept.size

@@ -8,7 +8,7 @@ number of planes in which template and map differ. Over the disc, for each plane
 
 ``|M|`` is a disc sum of the map, the same for all headings; ``|T|`` is one number a heading. What
 remains, the popcount of an AND, is done on words of 8 x 8 cells, because a wall crosses far fewer
-squares than rows of 64 cells, and only on those that `templates` lists. The offsets in y are the
+squares than rows of 64 cells, and only on squares that `templates` lists. The offsets in y are the
 lanes of the vectors. The part of the disc that is visible from a cell is found in the same squares.
 """
 
@@ -54,11 +54,11 @@ def write_covariance(
     """Write the covariance of (dx, dy, theta) about the weighted mean, (3, 3) [steps].
 
     `counts` are (dx, theta, dy rounded up), flat, of `offsets` in x and y; the poses are one step
-    apart, at `places` among these. Counts between offsets are interpolated. What lies at or beside
-    a line that is not `is_kept` weighs nothing.
+    apart, at `places` among these. Counts between offsets are interpolated. Counts at or next to a
+    line that is not `is_kept` weigh nothing.
 
-    Moments are taken about the zero lag, which no offset outweighs: its sums are exact where all
-    weights are equal, and nothing cancels where all others vanish.
+    Moments are taken about the zero lag, which no offset outweighs: its sums are exact if all
+    weights are equal, and nothing cancels if all weights but one vanish.
     """
     headings, poses = len(is_kept), places.size
     half_steps, half_angles = (poses - 1) // 2, (headings - 1) // 2
@@ -121,7 +121,7 @@ def write_covariance(
 
 
 class CellBuffers(NamedTuple):
-    """Room for one cell: its counts, its templates, and its masks if there are any."""
+    """Buffers for one cell: its counts, its templates, and its masks if there are any."""
 
     counts: Ints  # S / 127 (dx, theta, dy rounded up) of the kept lines, flat
     template: TemplateSquares
@@ -141,11 +141,11 @@ def tile_covariances(
 ) -> None:
     """Fill in the weighted covariances at all cells of a tile, (n, 3, 3) [steps].
 
-    `is_kept` (theta, n, dx) marks the lines that count; a single cell's marks are those of all.
-    `offset_places` are the places of the poses among the offsets, see `write_covariance`. The
-    scratch holds what was compared at the last cell. Without a `sight` there are no masks, and the
-    whole disc counts. ``control[DONE]`` counts the cells; once another thread sets
-    ``control[STOP]`` the rest is left as it is.
+    `is_kept` (theta, n, dx) marks the lines that count; the marks of a single cell hold for all
+    cells. `offset_places` are the places of the poses among the offsets, see `write_covariance`.
+    The buffers hold the data of the last cell. Without a `sight` there are no masks, and the whole
+    disc counts. ``control[DONE]`` counts the cells; once another thread sets ``control[STOP]`` the
+    rest is left as it is.
     """
     counts, template, masks = scratch
     for cell in range(len(tile.rests)):
@@ -168,7 +168,7 @@ def count_lines(
 ) -> None:
     """Write S / 127 of a cell's lines (theta, dx) into `counts`.
 
-    Of what is listed a difference ``|N and M| - |T and M|`` remains, which counts `factor` times.
+    The listed squares leave a difference ``|N and M| - |T and M|``, which counts `factor` times.
     """
     # All arrays have local names: numba counts references to those that are passed on.
     words, below, disc_sums = tile.words, tile.below, tile.disc_sums
@@ -215,7 +215,7 @@ def count_lines(
 
 
 def empty_scratch(offsets: int, headings: int, disc: DiscSquares, *, masked: bool) -> CellBuffers:
-    """Room for one cell, with masks if they are asked for."""
+    """Return buffers for one cell, with masks if requested."""
     counts = np.empty(offsets * headings * -(-offsets // GROUP) * GROUP, np.int64)
     masks = np.empty((headings if masked else 0, disc.words.size), np.uint64)
     return CellBuffers(counts, make_template_squares(headings, disc), masks)

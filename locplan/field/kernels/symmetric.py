@@ -18,7 +18,7 @@ SMALLEST = float(np.finfo(float).tiny)
 
 @njit(nogil=True, cache=True)
 def diagonalize(matrix: Floats, vectors: Floats) -> None:
-    """Make a symmetric matrix diagonal in place, and `vectors` its eigenvectors, by column.
+    """Diagonalize a symmetric matrix in place, and fill in its eigenvectors by column.
 
     This is Jacobi's method, whose small eigenvalues are as exact as the large ones.
     """
@@ -54,7 +54,7 @@ def diagonalize(matrix: Floats, vectors: Floats) -> None:
 
 @njit(nogil=True, cache=True)
 def map_eigenvalues(matrices: Floats, is_log: bool) -> Floats:
-    """Logarithms or exponentials of symmetric matrices, (n, d, d); NaN stays.
+    """Return logarithms or exponentials of symmetric matrices, (n, d, d); NaN stays.
 
     Logarithms are taken of eigenvalues of at least the smallest normal number.
     """

@@ -1,10 +1,11 @@
-"""Parts of a template to compare: its squares of 8 x 8 cells, sorted by what they hold.
+"""Parts of a template to compare: its squares of 8 x 8 cells, sorted into empty, partly set and
+full.
 
 The kernel needs |T and M| over the disc, for each plane T of a template. Squares in which T has
 no cell add nothing, and a run of squares that are set throughout, one above the other, adds the
 difference of two prefix sums of the map. The remaining squares lie along walls and along the
-disc's rim. Where N, the disc without T, leaves fewer of them it is listed instead, since
-|T and M| = |M| - |N and M|.
+disc's rim. If N, the disc without T, leaves fewer of them, N is listed instead, since |T and M| =
+|M| - |N and M|.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class DiscSquares(NamedTuple):
 
 
 class SightRays(NamedTuple):
-    """Rays of templates of what is visible, and the ray that goes to each cell of the disc."""
+    """Rays of visible templates, and the ray towards each cell of the disc."""
 
     cos: Floats  # (ray,)
     sin: Floats
@@ -55,7 +56,7 @@ class SightRays(NamedTuple):
 
 
 class TemplateSquares(NamedTuple):
-    """Squares and runs of one cell's templates, for all headings one after the other.
+    """Squares and runs of one cell's templates, for all headings in turn.
 
     Addresses are into the window's words, for the offsets that are first in x and y.
     """
@@ -74,7 +75,8 @@ class TemplateSquares(NamedTuple):
 class TileLayout(NamedTuple):
     """Cells whose covariances share one layout of the map.
 
-    A cell's *place* is that of its disc's first square, or of its disc sum, at the first offset.
+    A cell's *place* is the place of its disc's first square, or of its disc sum, at the first
+    offset.
     """
 
     words: Words  # (plane, col, row mod step, row div step), flat: the map's squares
@@ -98,7 +100,7 @@ class TileLayout(NamedTuple):
 
 
 def make_disc_squares(mask: Bools) -> DiscSquares:
-    """Disc of a mask of (2r + 1, 2r + 1) cells, in squares."""
+    """Return a disc, a mask of (2r + 1, 2r + 1) cells, in squares."""
     bits = order_by_squares(mask.astype(np.uint8))
     words = np.packbits(bits, axis=1, bitorder="little").view(np.uint64)[:, 0]
     cols = -(-len(mask) // SQUARE)
@@ -106,7 +108,7 @@ def make_disc_squares(mask: Bools) -> DiscSquares:
 
 
 def order_by_squares(values: Array) -> Array:
-    """Values of (2r + 1, 2r + 1) cells in the order of a disc's squares and bits, padded by 0."""
+    """Reorder values of (2r + 1, 2r + 1) cells by a disc's squares and bits, padded by 0."""
     size = len(values)
     cols = -(-size // SQUARE)
     rows = -(-cols // LANES) * LANES
@@ -117,7 +119,7 @@ def order_by_squares(values: Array) -> Array:
 
 
 def make_template_squares(headings: int, disc: DiscSquares) -> TemplateSquares:
-    """Room for the templates of one cell."""
+    """Return an empty buffer for the templates of one cell."""
     room = 2 * headings * PLANES * disc.words.size + 1
     chunks = disc.cols * -(-disc.rows // WORD)
     return TemplateSquares(
@@ -137,7 +139,7 @@ def make_template_squares(headings: int, disc: DiscSquares) -> TemplateSquares:
 def list_templates(
     template: TemplateSquares, tile: TileLayout, cell: int, masks: Words, is_kept: Bools
 ) -> None:
-    """List a cell's squares and runs at the headings of which a line is `is_kept`, (theta, dx).
+    """List a cell's squares and runs at the headings with a line that `is_kept`, (theta, dx).
 
     `masks` (heading, square) are the cells of the disc that count at each heading. If it is
     empty, all cells count, and T or N is listed, whichever is less work; otherwise both are.
@@ -177,7 +179,7 @@ def list_templates(
 def sort_squares(
     template: TemplateSquares, tile: TileLayout, corner: int, mask: Words, plane: int, side: int
 ) -> int:
-    """Mark the squares that T, or N, has partly or in full, and return the work to compare them.
+    """Mark the squares that T, or N, has partly or in full, and return the cost of comparing them.
 
     The disc's first square begins at `corner` of the tile's octets.
     """
@@ -212,7 +214,7 @@ def list_squares(
     square: int,
     run: int,
 ) -> tuple[int, int, int]:
-    """List what `sort_squares` marked of a plane at heading `k`, from a square and a run on.
+    """List a plane's marked squares at heading `k`, from a square and a run on.
 
     Returns the square and the run that follow, and the number of cells set in all of them.
     """
