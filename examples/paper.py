@@ -184,7 +184,7 @@ def models() -> Iterator[tuple[str, ...]]:
 
 def said(slide: TemplateSlide, model: str) -> str:
     undefined = np.isnan(slide.curves[model]).mean()
-    peaks = slide.peaks(model)
+    peaks = slide.find_peaks(model)
     if undefined == 1:
         return "undefined: 0 / 0"
     if not peaks.size:

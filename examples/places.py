@@ -164,7 +164,7 @@ def cut_out(costs: Costmap, cell: tuple[int, int], reach: float) -> tuple[Costma
     """Part of a costmap within `reach` [m] of a cell, and the cell's row and column in it."""
     cells = int(np.ceil(reach / costs.grid.resolution)) + 1
     rows, cols = part = find_window(*cell, cells, costs.grid.shape)
-    near = Costmap.from_density(costs.grid.part(*part), costs.density[part])
+    near = Costmap.from_density(costs.grid.crop(*part), costs.density[part])
     return near, (cell[0] - rows.start, cell[1] - cols.start)
 
 

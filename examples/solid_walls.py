@@ -31,7 +31,7 @@ def main(folder: str = "solid_walls", map_file: str | Path = "") -> None:
     solid = locplan.load_map(map_file) if map_file else racks()
     check = locplan.maps.measure_solidity(solid)
     print(
-        f"a wrong pose wins: {check.wins:.0%} of scans, hollowed"
+        f"a wrong pose wins: {check.wrong_pose_share:.0%} of scans, hollowed"
         f" {check.hollowed_wrong_pose_share:.0%}"
     )
     drive, field = scans(solid), Field(solid)

@@ -216,7 +216,7 @@ def crop_to_free(grid: OccupancyGrid) -> OccupancyGrid:
     """
     rows, cols = (np.flatnonzero(grid.free.any(axis=axis)) for axis in (1, 0))
     edge = max(2, round(0.03 * max(np.ptp(rows), np.ptp(cols))))
-    return grid.part(
+    return grid.crop(
         *(slice(max(0, indices[0] - edge), int(indices[-1]) + edge) for indices in (rows, cols))
     )
 

@@ -77,7 +77,7 @@ def merge_tree(
     }
     merged = merged.with_values("bt_navigator", tree_parameters)
     server = merged.read_node_parameters(node := "smoother_server")
-    names = merged.names(node, "smoother_plugins", [SMOOTHER] if server else [])
+    names = merged.read_names(node, "smoother_plugins", [SMOOTHER] if server else [])
     if planner.any_angle and SMOOTHER not in names:
         smoother: dict[str, Any] = {"plugin": "nav2_smoother::SimpleSmoother", "tolerance": 1e-10}
         smoother |= {"max_its": 1000, "do_refinement": True}

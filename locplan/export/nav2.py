@@ -143,7 +143,7 @@ def nav2_keepout(
         values, gaps = close_gaps(costs, values, conversion, paths, layer)
         conversion = dataclasses.replace(conversion, closed=tuple(gaps))
     masks, lead = {"keepout": values}, costs.robot.kinematics.speed if costs.robot else LEAD
-    if costs.zones.has("slow"):
+    if costs.zones.has_kind("slow"):
         masks["speed"] = compute_speed_mask(costs, 1.0, lead)
         robot.warn(robot.note_speed_filters("localizability_speed_filter"))
     merged, planner_name = add_planner(robot, add_filter(robot, *masks), conversion)

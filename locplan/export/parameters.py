@@ -330,7 +330,7 @@ class Nav2Robot:
 
 def add_filter(robot: Nav2Robot, *kinds: str) -> Nav2Parameters:
     """Parameters with our filters in the global costmap, and in its list of them."""
-    names = robot.parameters.names(GLOBAL_COSTMAP, "filters")
+    names = robot.parameters.read_names(GLOBAL_COSTMAP, "filters")
     changes: dict[str, Any] = {}
     for kind in kinds:
         base = f"localizability_{kind}"  # topics are absolute: Kilted first resolves others

@@ -112,7 +112,7 @@ def compute_speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[n
     if not is_known.any():
         raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
     speed_loss = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
-    if costs.zones.has("slow"):
+    if costs.zones.has_kind("slow"):
         speed_loss = np.maximum(speed_loss, np.floor(100.5 - costs.zones.speed_limit(costs.grid)))
     reach = min(round(lead / costs.grid.resolution), max(costs.grid.shape))
     around = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach

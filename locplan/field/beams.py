@@ -139,7 +139,7 @@ class LidarEstimator(Estimator):
     def beams(self) -> Any:
         """Return the simulated lidar with the beams that count, as the kernels take it."""
         angles, yaw = self._beams.angles_and_yaw(self.lidar)
-        return self.lidar.for_kernels()._replace(angles=angles, yaw=yaw)
+        return self.lidar.to_kernel_settings()._replace(angles=angles, yaw=yaw)
 
 
 @dataclass(frozen=True, eq=False)

@@ -315,7 +315,7 @@ def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list
     busy: list[CacheEntry] = []
     for cached_result in list_cache_entries(folder):
         if time.time() - cached_result.used >= days * 86400.0:
-            (removed if remove(cached_result.path) else busy).append(cached_result)
+            (removed if remove_entry(cached_result.path) else busy).append(cached_result)
     clear_abandoned(folder)
     return removed, busy
 
@@ -327,10 +327,10 @@ def evict_results(folder: Path, limit: int, keep: Path) -> None:
     for cached_result in reversed(cached_results):
         if total > limit and cached_result.path != keep:
             with suppress(LocplanError):  # one that cannot be removed is skipped
-                total -= cached_result.size if remove(cached_result.path) else 0
+                total -= cached_result.size if remove_entry(cached_result.path) else 0
 
 
-def remove(path: Path) -> bool:
+def remove_entry(path: Path) -> bool:
     """Remove an entry unless a process holds its lock; return True if it is gone."""
     from filelock import Timeout
 

@@ -98,7 +98,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         return tiles.find_computed_points(self.values)
 
     @cached_property
-    def lacking(self) -> Bools:
+    def is_interpolated(self) -> Bools:
         """Mask of the lattice points that are interpolated from their neighbours, (h, w).
 
         There are none unless only some points were asked for; see `load_or_compute`.
@@ -179,7 +179,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         """
         criterion = self.config.estimator.criterion
         values = self.scalar(criterion, with_q=True)[
-            lattice.thin_evenly(self.is_evaluated, self.lacking)
+            lattice.thin_evenly(self.is_evaluated, self.is_interpolated)
         ]
         perfect_value, _ = self.anchors(criterion)
         return float(np.mean(values <= 1.05 * perfect_value)) if values.size else 0.0
@@ -201,9 +201,9 @@ class CovarianceField(DrawableResult, EqualByValue):
 
     def e_map(self) -> Floats:
         """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad], bilinear in ln e, or NaN."""
-        return self.on_map(self.e)
+        return self.interpolate_on_map(self.e)
 
-    def on_map(
+    def interpolate_on_map(
         self, values: Floats, *, logarithmic: bool = True, cells: Sequence[Array] | None = None
     ) -> Floats:
         """Interpolate values to the map's free cells, (H, W) or (H, W, n); NaN elsewhere.
@@ -223,13 +223,13 @@ class CovarianceField(DrawableResult, EqualByValue):
         if values.ndim == 3:
             layers = np.empty((values.shape[2], *self.grid.shape))
             for k, layer in enumerate(layers):
-                layer[:] = self.on_map(values[:, :, k], logarithmic=logarithmic)
+                layer[:] = self.interpolate_on_map(values[:, :, k], logarithmic=logarithmic)
             return np.moveaxis(layers, 0, 2)
         if logarithmic:
             values = np.log(np.maximum(values, np.finfo(float).tiny))
         lattice_values = values
-        if self.lacking.any():
-            lattice_values = lattice.fill_lacking(values, self.is_evaluated, self.lacking)
+        if self.is_interpolated.any():
+            lattice_values = lattice.fill_lacking(values, self.is_evaluated, self.is_interpolated)
         if cells is None:
             result = lattice.read_on_map(lattice_values, self.grid.free, self.stride)
         else:
@@ -337,7 +337,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         target = check_file_path("a field", path)
         check_target(target, files.FIELD_SUFFIX)
         files.check_readable(self.values, self.grid, self.config)
-        if self.lacking.any():
+        if self.is_interpolated.any():
             raise FieldError(f"{self!r} has some of its points only; compute all to save it")
         metadata = files.make_metadata(self.grid, self.config)
         files.write_field(target, self.values, self.grid, metadata, extra_arrays)

@@ -73,7 +73,7 @@ def read_field_cells(
     visible_map = part or field.grid
     cells = compute_block_size(visible_map.shape)
     if cells == 1 and visible_map.shape == field.grid.shape:
-        return field.on_map(values, logarithmic=logarithmic)
+        return field.interpolate_on_map(values, logarithmic=logarithmic)
     first = np.round(field.grid.world_to_grid(*visible_map.origin[:2]))
     free = downsample(visible_map.cells) == FREE
     rows, cols = (
@@ -81,7 +81,7 @@ def read_field_cells(
         for size, start in zip(free.shape, first, strict=True)
     )
     at_middles = rows[:, None], cols[None, :]
-    read = field.on_map(values, logarithmic=logarithmic, cells=at_middles)
+    read = field.interpolate_on_map(values, logarithmic=logarithmic, cells=at_middles)
     return np.where(free, read, np.nan)
 
 

@@ -175,7 +175,7 @@ def read_at_poses(field: Any, poses: ArrayLike, name: str | None) -> Any:
         check_choice("name", name, names)
     headings = array[:, 2] if array.shape[1] == 3 else None
     corners = LatticeCorners.from_positions(
-        field.grid, field.stride, field.is_evaluated, field.lacking, array[:, :2]
+        field.grid, field.stride, field.is_evaluated, field.is_interpolated, array[:, :2]
     )
     at = tuple(corners.points.T)
     values: dict[str, Floats] = {}

@@ -227,7 +227,7 @@ class Sad(Estimator):
         greatest = 2 * np.count_nonzero(disc(radius)) * LEVEL_STEP
         weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
         layout = MapLayout.from_part(part, radius, window.cell_lattice)
-        negligible, visible = self.negligible(part.resolution), self.template == "visible"
+        negligible, visible = self.negligible_mismatch(part.resolution), self.template == "visible"
         covariance_in_steps = compute_step_covariances(
             layout, weights, window.places, negligible, visible
         )
@@ -235,7 +235,7 @@ class Sad(Estimator):
         covariance = covariance[:, : window.dimension, : window.dimension]
         return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
 
-    def negligible(self, resolution: float) -> int | None:
+    def negligible_mismatch(self, resolution: float) -> int | None:
         """Return the mismatch S / 127 beyond which offsets are left out; None to keep all.
 
         Only ranges of 10 m or more gain by it, in cells so small that the disc holds enough blocks.
@@ -301,7 +301,9 @@ class Sad(Estimator):
         still = min(TILE_CELLS, max(map_shape)) + 2.0 * (radius + window.reach)
         words = 32 / math.gcd(window.step_cells, SQUARE) ** 2 + 8
         strips = 2.0 * turns
-        if self.negligible(resolution) is not None:  # sums of one heading, and of the blocks
+        if (
+            self.negligible_mismatch(resolution) is not None
+        ):  # sums of one heading, and of the blocks
             strips, words = strips + 4, words + 12
         sight = 20 if self.template == "visible" else 4
         return (
@@ -317,6 +319,6 @@ class Sad(Estimator):
         compared = self.lattice(resolution).size * math.pi * (self.range / resolution) ** 2
         if self.template == "visible":
             return 6e-12 * compared
-        if self.negligible(resolution) is None:
+        if self.negligible_mismatch(resolution) is None:
             return 1e-12 * compared
         return 5e-8 * self.lattice(resolution).size + 1e-13 * compared

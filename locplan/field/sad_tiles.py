@@ -55,7 +55,7 @@ class MapLayout:
     radius: int  # radius of the template disc [cells]
     disc: templates.DiscSquares  # the disc in squares
     first: tuple[int, int]  # row and column of the whole map at which `still` begins
-    still: Octets  # strips of the map, (plane, col, row)
+    unrotated_octets: Octets  # strips of the map, (plane, col, row)
     # Strips of the map turned by each heading, (heading, plane, col, row).
     rotated_strips: Octets
     tops: Ints  # rows of `turned` at which the cells' discs begin, (n, heading)
@@ -97,7 +97,7 @@ class MapLayout:
         )
 
     @property
-    def offsets(self) -> int:
+    def n_offsets(self) -> int:
         """Number of offsets in x, and also in y."""
         return 2 * self.window.half_steps + 1
 
@@ -135,10 +135,12 @@ class MapLayout:
         step_units, square_units = self.window.step_cells // unit, SQUARE // unit
         diameter = self.disc.rows * SQUARE
         rows, cols = (span + diameter // unit for span in group.spans(unit, self.window.reach))
-        lanes = -(-rows // step_units) + -(-self.offsets // sad.GROUP) * sad.GROUP
+        lanes = -(-rows // step_units) + -(-self.n_offsets // sad.GROUP) * sad.GROUP
         words = np.zeros((PLANES, cols, step_units, lanes), np.uint64)
         below = np.zeros(words.shape, np.int64)
-        bitplanes.lay_out_words(self.still, group.top, group.left, rows, unit, words, below)
+        bitplanes.lay_out_words(
+            self.unrotated_octets, group.top, group.left, rows, unit, words, below
+        )
         col_words, p = step_units * lanes, group.rows // unit
         further = np.arange(step_units)[:, None] + square_units * np.arange(self.disc.rows + 1)
 
@@ -166,7 +168,7 @@ class MapLayout:
             plane=cols * col_words,
             sum_line=sum_steps * sum_steps * sum_lanes,
             sum_plane=sums[0].size,
-            offsets=self.offsets,
+            offsets=self.n_offsets,
             disc=self.disc,
         )
 
@@ -180,7 +182,7 @@ class MapLayout:
         steps = self.window.step_cells // spacing
         sums = np.zeros((PLANES, cols, -(-rows // steps) * steps), np.int64)
         corner = group.top, group.left
-        bitplanes.disc_sums(self.still, *corner, self.radius, spacing, rows, sums)
+        bitplanes.fill_disc_sums(self.unrotated_octets, *corner, self.radius, spacing, rows, sums)
         return sums.reshape(PLANES, cols, -1, steps).swapaxes(2, 3)
 
     def sight(self, group: CellGroup) -> templates.SightRays:
@@ -250,9 +252,9 @@ def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int)
     """
     control, headings = layout.part.control, layout.window.angles.size
     limit, shift = scale_to_short(negligible)
-    line_masks = [np.ones((headings, group.cells.size, layout.offsets), bool) for group in groups]
-    still = np.empty((2, *(size + 1 for size in layout.still.shape[1:])), np.uint16)
-    bitplanes.fill_summed_table(layout.still, still)
+    line_masks = [np.ones((headings, group.cells.size, layout.n_offsets), bool) for group in groups]
+    still = np.empty((2, *(size + 1 for size in layout.unrotated_octets.shape[1:])), np.uint16)
+    bitplanes.fill_summed_table(layout.unrotated_octets, still)
     table = np.empty((2, *(size + 1 for size in layout.rotated_strips.shape[2:])), np.uint16)
     laid_out = [_count_group_blocks(layout, group, still, table.shape[2]) for group in groups]
     for k in range(headings):
@@ -260,7 +262,7 @@ def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int)
         corners = layout.lefts[:, k] * table.shape[2] + layout.tops[:, k]
         for group, blocks, lines in zip(groups, laid_out, line_masks, strict=True):
             cell_corners = corners[group.cells]
-            bitplanes.keep_lines(blocks, table, cell_corners, limit, shift, lines[k], control)
+            bitplanes.mark_kept_lines(blocks, table, cell_corners, limit, shift, lines[k], control)
     return line_masks
 
 
@@ -273,7 +275,7 @@ def _count_group_blocks(
     unit, extra_cells = group.unit, max(0, 2 * layout.radius + 1 - min(edges))
     step_units = layout.window.step_cells // unit
     rows, cols = (span + extra_cells // unit for span in group.spans(unit, layout.window.reach))
-    lanes = -(-rows // step_units) + -(-layout.offsets // SHORTS) * SHORTS
+    lanes = -(-rows // step_units) + -(-layout.n_offsets // SHORTS) * SHORTS
     counts = np.empty((len(edges), 2, cols, step_units, lanes), np.uint16)
     col_stride, plane_stride = step_units * lanes, cols * step_units * lanes
     addresses, corners, rest = [], [], np.arange(step_units)[:, None]
@@ -307,7 +309,7 @@ def compute_step_covariances(
     """
     part, groups = layout.part, layout.groups()
     cells, headings = len(part.rows), layout.window.angles.size
-    all_lines = np.ones((headings, 1, layout.offsets), bool)
+    all_lines = np.ones((headings, 1, layout.n_offsets), bool)
     line_masks = [all_lines] * len(groups)
     if negligible is not None:
         line_masks = find_kept_lines(layout, groups, negligible)
@@ -317,12 +319,12 @@ def compute_step_covariances(
                 wide[:, :, 1:] |= lines[:, :, :-1]
                 wide[:, :, :-1] |= lines[:, :, 1:]
                 lines[:] = wide
-    scratch = sad.empty_scratch(layout.offsets, headings, layout.disc, masked=visible)
+    scratch = sad.make_cell_buffers(layout.n_offsets, headings, layout.disc, masked=visible)
     result = np.full((cells, 3, 3), np.nan)
     for group, lines in zip(groups, line_masks, strict=True):
         covariances = np.full((group.cells.size, 3, 3), np.nan)
         tile, sight = layout.tile(group), layout.sight(group) if visible else None
-        sad.tile_covariances(
+        sad.fill_tile_covariances(
             tile, sight, lines, weights, places, scratch, part.control, covariances
         )
         result[group.cells] = covariances

@@ -75,7 +75,7 @@ class Scan(LidarEstimator):
             part.cols - part.corner[1],
             part.headings,
             self.beams(),
-            np.outer(self.pattern, self.endpoint_noise),
+            np.outer(self.end_deviations, self.endpoint_noise),
             self.temperature,
             part.control,
         )
@@ -89,7 +89,7 @@ class Scan(LidarEstimator):
         }
 
     @property
-    def pattern(self) -> Floats:
+    def end_deviations(self) -> Floats:
         """Return standard normal deviations of the beams' ends, the same at all poses, (beams,).
 
         They are the quantiles at the base-2 van der Corput sequence: evenly spread, and different
@@ -123,7 +123,7 @@ class Scan(LidarEstimator):
         around = likelihood_reach(resolution, self.sigma(resolution), self.z_rand) + 2
         offsets = self.lattice(resolution).reach
         shift, growth = self.endpoint_noise
-        farthest = float(np.abs(self.pattern).max())
+        farthest = float(np.abs(self.end_deviations).max())
         noise_cells = math.ceil(farthest * (shift + growth * self.lidar.range) / resolution)
         reach = compute_beam_reach(self.lidar, resolution) + noise_cells + offsets + around
         return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)

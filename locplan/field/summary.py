@@ -147,7 +147,7 @@ def describe_field(field: CovarianceField) -> str:
     remedy = f"\n{field.config.estimator.remedy}" if share > SATURATED else ""
     spacing = field.stride * field.grid.resolution
     spacing_text = f"; every {spacing:g} m near the paths, else {2 * spacing:g} m"
-    near_paths = spacing_text if field.lacking.any() else ""
+    near_paths = spacing_text if field.is_interpolated.any() else ""
     map_text = f"u is about 0 (localizable) on {share:.0%} of the map"
     return f"{estimator_text}{near_paths}; {map_text}{remedy}"
 

@@ -99,7 +99,7 @@ def place_positions(name: str) -> dict[str, tuple[float, float]]:
 
     Examples
     --------
-    >>> landmarks("two_corridors")["goal"]
+    >>> place_positions("two_corridors")["goal"]
     (38.0, 3.0)
     """
     check_choice("the environment", name, BUILT_IN)

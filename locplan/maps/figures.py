@@ -26,7 +26,7 @@ from locplan.maps.occupancy import UNKNOWN
 from locplan.maps.zones import KINDS, ZoneKind, Zones
 
 MAX_DRAWN_CELLS = 2000
-"""Most cells along a side that are drawn one by one; beyond, blocks of them are."""
+"""Maximum number of cells along a side to draw one by one; larger maps are drawn in blocks."""
 
 
 def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options: Any) -> AxesImage:
@@ -225,7 +225,7 @@ def crop_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
         for values, size in zip((rows, cols), grid.shape, strict=True)
     )
     is_off_map = down.start >= down.stop or across.start >= across.stop
-    return grid if is_off_map else grid.part(down, across)
+    return grid if is_off_map else grid.crop(down, across)
 
 
 def zoom_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
@@ -301,13 +301,13 @@ def draw_zones(axes: Axes, zones: Zones, grid: OccupancyGrid) -> list[Patch]:
     list of matplotlib.patches.Patch
         Entries of a legend, one for each kind.
     """
-    drawn, handles = downsample_map(grid, MAX_DRAWN_CELLS) if zones else grid, []
+    visible_map, handles = downsample_map(grid, MAX_DRAWN_CELLS) if zones else grid, []
     for kind in KINDS:
-        if not zones.cells(drawn, kind).any():
+        if not zones.cells(visible_map, kind).any():
             continue
         rings = [
             Outline([*ring, ring[0]], closed=True)
-            for ring in _find_zone_outlines(zones, kind, drawn)
+            for ring in _find_zone_outlines(zones, kind, visible_map)
         ]
         style, label = styles.ZONE_STYLES[kind], {"prefer": "preferred"}.get(kind, kind)
         around = styles.outline(style["linewidth"] + 1.6) if kind != "no-go" else []

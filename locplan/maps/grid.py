@@ -333,7 +333,7 @@ class OccupancyGrid(DrawableResult):
         x, y = self.grid_to_world(np.asarray(row) + 0.5, np.asarray(col) + 0.5)
         return np.column_stack([x, y]) if np.ndim(x) else (float(x), float(y))
 
-    def part(self, rows: slice, cols: slice) -> OccupancyGrid:
+    def crop(self, rows: slice, cols: slice) -> OccupancyGrid:
         """The map's part of some rows and columns, which lies where it lies in the map.
 
         Parameters

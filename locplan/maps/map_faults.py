@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -35,7 +36,7 @@ CLEARANCE = 0.25
 """Minimum distance of a scan's place from a wall [m]."""
 SIGMA_HIT, Z_RAND, MAX_DISTANCE = 0.2, 0.5, 2.0
 """Nav2's defaults of AMCL's likelihood field."""
-AROUND = FARTHEST + RANGE + 1.0
+SCORED_REACH = FARTHEST + RANGE + 1.0
 """Distance around a scan's place that its fits depend on [m]."""
 MISLEADING_DEPTH = 0.5
 """Depth from which on black behind a surface misleads a filter [m]."""
@@ -45,22 +46,25 @@ MISLEADING_DEPTH = 0.5
 class WallSolidity:
     """Effect of the inside of a map's walls on scans."""
 
-    wins: float
+    wrong_pose_share: float
     """Share of noisy scans that some wrong pose fits better than the true one, 0..1."""
     hollowed_wrong_pose_share: float
     """The same with the walls hollowed."""
-    depth: float
+    deep_surface_share: float
     """Share of the walls' surface with over 0.5 m of black behind it, 0..1."""
 
     @property
     def misleads(self) -> bool:
         """True if wrong poses win a fifth of the scans, and hollowing at least halves that."""
-        return self.wins >= 0.2 and self.hollowed_wrong_pose_share <= self.wins / 2
+        return (
+            self.wrong_pose_share >= 0.2
+            and self.hollowed_wrong_pose_share <= self.wrong_pose_share / 2
+        )
 
     @property
     def is_solid(self) -> bool:
         """True if walls mislead because they are deep, and are not just smeared or inflated."""
-        return self.misleads and self.depth >= 0.15
+        return self.misleads and self.deep_surface_share >= 0.15
 
 
 def hollow_walls(grid: OccupancyGrid) -> OccupancyGrid:
@@ -77,7 +81,7 @@ def hollow_walls(grid: OccupancyGrid) -> OccupancyGrid:
     Examples
     --------
     >>> block = OccupancyGrid([[0, 0, 0], [0, 0, 0], [0, 0, 0]], 0.05)
-    >>> hollowed(block).cells.tolist()
+    >>> hollow_walls(block).cells.tolist()
     [[0, 0, 0], [0, 127, 0], [0, 0, 0]]
     """
     check_grid(grid)
@@ -189,7 +193,7 @@ def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], 
         measure_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
         if np.isfinite(ends[:, 0]).sum() < BEAMS / 3:
             continue
-        around = _select_window(grid, row, col, AROUND)
+        around = _select_window(grid, row, col, SCORED_REACH)
         pose[:2] += first[0] - around[0].start, first[1] - around[1].start
         yield around, pose, ends
 
@@ -257,13 +261,13 @@ class MapFault:
     """What it is: "mask", "costmap", "thresholds", "cells", "coarse cells", "open boundary", "solid
     walls", "thick walls", "painted unknown", "specks" or "origin"; by recorded drives "resolution",
     "deep walls", "false walls" or "missing walls"."""
-    what: str
+    message: str
     """What is wrong, as a sentence without a full stop."""
-    mend: str = ""
+    remedy: str = ""
     """What to do about it; empty where the sentence says all."""
-    costs: str = ""
+    impact: str = ""
     """What it costs a robot, where that was measured; else empty."""
-    sure: bool = False
+    is_certain: bool = False
     """Whether the map, or the drive, shows it; else only the user, or a longer drive, can tell."""
     boxes: tuple[tuple[float, float, float, float], ...] = ()
     """Where it is, largest first: the least and greatest x, then y, of each place in the world [m];
@@ -283,14 +287,14 @@ class MapFault:
     @property
     def sentence(self) -> str:
         """The whole fault in one sentence, without a full stop."""
-        message = f"{self.what}, at {self.place_text}" if self.boxes else self.what
-        return "; ".join(clause for clause in (message, self.costs, self.mend) if clause)
+        message = f"{self.message}, at {self.place_text}" if self.boxes else self.message
+        return "; ".join(clause for clause in (message, self.impact, self.remedy) if clause)
 
 
 def _make_fault(kind: str, sentence: str, *, is_certain: bool = False) -> MapFault:
     """Make a fault from a sentence that ends in the remedy."""
-    message, _, mend = sentence.rpartition("; ")
-    return MapFault(kind, message or mend, mend if message else "", sure=is_certain)
+    message, _, remedy = sentence.rpartition("; ")
+    return MapFault(kind, message or remedy, remedy if message else "", is_certain=is_certain)
 
 
 def find_threshold_faults(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
@@ -511,10 +515,9 @@ def find_wall_faults(grid: OccupancyGrid, wall_solidity: WallSolidity) -> Iterat
     if wall_solidity.misleads:
         yield MapFault(
             "solid walls" if wall_solidity.is_solid else "thick walls",
-            f"walls are black inside: a wrong pose explains {wall_solidity.wins:.0%} of noisy"
-            " scans better"
-            f" than the true one, and {wall_solidity.hollowed_wrong_pose_share:.0%} with hollow"
-            " walls",
+            "walls are black inside: a wrong pose explains"
+            f" {wall_solidity.wrong_pose_share:.0%} of noisy scans better than the true one, and"
+            f" {wall_solidity.hollowed_wrong_pose_share:.0%} with hollow walls",
             "give AMCL, of ROS 1 or 2, the map that locplan repair writes, and plan on this one"
             if wall_solidity.is_solid
             else f"hardly any is over {MISLEADING_DEPTH:g} m deep, so that they may be smeared or"
@@ -622,15 +625,15 @@ class MapFaults(Result):
 
     def table(self) -> Table:
         """Return a table with one row per fault."""
-        titles = {
-            "kind": "fault",
-            "what": "what",
-            "place_text": "where",
-            "costs": "costs",
-            "mend": "mend",
-        }
-        columns = [Column(name, title=title) for name, title in titles.items()]
-        return Table.from_records([*columns, Column("sure")], self)
+        columns = [
+            Column("kind", title="fault"),
+            Column("what", title="what", value=attrgetter("message")),
+            Column("where", title="where", value=attrgetter("place_text")),
+            Column("costs", title="costs", value=attrgetter("impact")),
+            Column("mend", title="mend", value=attrgetter("remedy")),
+            Column("sure", value=attrgetter("is_certain")),
+        ]
+        return Table.from_records(columns, self)
 
     def figure(self) -> Figure:
         """Draw the map with the cells of its faults in colour, and the faults' kinds."""

@@ -328,7 +328,7 @@ class Zones:
         """The no-go zones only."""
         return Zones([zone for zone in self if zone.kind == "no-go"])
 
-    def has(self, kind: ZoneKind) -> bool:
+    def has_kind(self, kind: ZoneKind) -> bool:
         """True if there is a zone of a kind.
 
         Parameters
@@ -350,7 +350,7 @@ class Zones:
         """
         return _find_zone_cells(self, kind, grid.shape, grid.resolution, grid.origin)
 
-    def charge(self, grid: OccupancyGrid) -> Floats | float:
+    def cost_per_metre(self, grid: OccupancyGrid) -> Floats | float:
         """Cost per metre of each cell for the zones, (H, W): 1 outside the preferred ones.
 
         Parameters
@@ -367,7 +367,7 @@ class Zones:
     @property
     def max_cost_per_metre(self) -> float:
         """Largest cost per metre for the zones: 1 with preferred zones, otherwise 0."""
-        return OUTSIDE_COST if self.has("prefer") else 0.0
+        return OUTSIDE_COST if self.has_kind("prefer") else 0.0
 
     def speed_limit(self, grid: OccupancyGrid) -> Floats:
         """Return the share of the top speed in each cell, (H, W) [%]: the least of its slow zones.

@@ -69,7 +69,7 @@ class TemplateSlide:
         values = self.curves[model][self.shift <= shift + 1e-9]
         return bool((values == values[0]).all())
 
-    def peaks(self, model: str) -> Floats:
+    def find_peaks(self, model: str) -> Floats:
         """Return the shifts at which a model has its best value, (k,) [m]; none if all values are
         equal.
 
@@ -97,7 +97,7 @@ def compare_models_along_strips(resolution: float = 0.05) -> tuple[TemplateSlide
 
     Examples
     --------
-    >>> [float(slide.peaks("SAD").max()) for slide in one_dimensional()]
+    >>> [float(slide.find_peaks("SAD").max()) for slide in compare_models_along_strips()]
     [1.5, 1.5, 2.0]
     """
     slides = []

@@ -277,7 +277,7 @@ def compute_sad_distribution(
     >>> cells[:, 6] = 0
     >>> from locplan.field import SearchWindow
     >>> window = SearchWindow(half_width=1, step=1, half_rotation_deg=0).to_lattice(resolution=1.0)
-    >>> sad_distribution(cells, 4, 4, 2, window)[:, :, 0]
+    >>> compute_sad_distribution(cells, 4, 4, 2, window)[:, :, 0]
     array([[ 254,  254,  254],
            [   0,    0,    0],
            [1016, 1016, 1016]])

@@ -194,7 +194,9 @@ class Costmap(CostLayers, StoredObject):
         check_weight(weight)
         check_choice("law", law, ("logarithmic", "linear", "cube-root"))
         check_choice("headings", headings, ("mean", "worst"))
-        settings = CostSettings(law, criterion, headings, field.config, not field.lacking.any())
+        settings = CostSettings(
+            law, criterion, headings, field.config, not field.is_interpolated.any()
+        )
         u, e = degeneracy(field, criterion, law, headings)
         zones = normalize_zones(zones)
         density = with_zones(compute_density(u, weight), grid, zones)
@@ -362,7 +364,7 @@ class Costmap(CostLayers, StoredObject):
         check_weight(weight)
         if math.isnan(self.weight):
             raise ConfigError("a costmap from a density has no weight; make another one instead")
-        density = compute_density(self.u, weight) + self.zones.charge(self.grid)
+        density = compute_density(self.u, weight) + self.zones.cost_per_metre(self.grid)
         density[np.isinf(self.density)] = np.inf
         return dataclasses.replace(self, density=make_readonly(density), weight=float(weight))
 
@@ -400,7 +402,7 @@ class Costmap(CostLayers, StoredObject):
         if settings is None or settings.config != field.config:
             raise ConfigError("a costmap is updated by a field of its own config only")
         window = join_windows(window, find_changed_window(self.grid, field, self.robot_radius))
-        if not settings.whole_field or field.lacking.any():
+        if not settings.whole_field or field.is_interpolated.any():
             costs = self._remake(field, settings, self.zones)
             return dataclasses.replace(costs, robot=self.robot)
         arrays = {name: getattr(self, name) for name in LAYERS}
@@ -410,7 +412,7 @@ class Costmap(CostLayers, StoredObject):
             for name in LAYERS:
                 arrays[name] = arrays[name].copy()
                 arrays[name][window] = getattr(costs, name)[inside]
-            charge = np.broadcast_to(self.zones.charge(grid), grid.shape)[window]
+            charge = np.broadcast_to(self.zones.cost_per_metre(grid), grid.shape)[window]
             arrays["density"][window] += charge
             arrays["density"][window][self.zones.cells(grid, "no-go")[window]] = np.inf
             for name in LAYERS:

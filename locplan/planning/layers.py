@@ -89,18 +89,18 @@ def _compute_degeneracy(
 ) -> tuple[Floats, Floats]:
     """Compute u and e, (H, W), from the criterion and e on the lattice, (h, w)."""
     lowest, greatest = field.anchors(criterion)
-    e = field.on_map(of_e)
+    e = field.interpolate_on_map(of_e)
     if criterion in field.layers:
-        u = field.on_map((values - lowest) / (greatest - lowest), logarithmic=False)
+        u = field.interpolate_on_map((values - lowest) / (greatest - lowest), logarithmic=False)
     elif law == "logarithmic" and np.shares_memory(values, of_e):
         u = e / lowest
         u = np.log(u, out=u)
         u /= math.log(greatest / lowest)
     elif law == "logarithmic":
         values = np.log(np.maximum(values, np.finfo(float).tiny) / lowest)
-        u = field.on_map(values / math.log(greatest / lowest), logarithmic=False)
+        u = field.interpolate_on_map(values / math.log(greatest / lowest), logarithmic=False)
     else:
-        u = field.on_map(values / greatest)
+        u = field.interpolate_on_map(values / greatest)
         u = np.cbrt(u, out=u) if law == "cube-root" else u
     return np.clip(u, 0.0, 1.0, out=u), e
 
@@ -173,7 +173,7 @@ class CostLayers(DrawableResult):
         if self.u_of_heading is None:
             return self.density[None]
         density = compute_density(self.u_of_heading.astype(np.float64), self.weight)
-        density += self.zones.charge(self.grid)
+        density += self.zones.cost_per_metre(self.grid)
         return np.where(np.isfinite(self.density), density, np.inf)
 
     @property
@@ -246,7 +246,7 @@ class CostLayers(DrawableResult):
             count = len(self.of_heading.both[0])
             nearest = np.floor(array[:, 2] / (2 * np.pi) * count + 0.5).astype(int) % count
             u, e = (layer[nearest, *cells].astype(float) for layer in self.of_heading.both)
-            charge = np.broadcast_to(self.zones.charge(self.grid), self.grid.shape)[cells]
+            charge = np.broadcast_to(self.zones.cost_per_metre(self.grid), self.grid.shape)[cells]
             density = compute_density(u, self.weight) + charge
             density = np.where(np.isfinite(values["density"]), density, np.inf)
             values = {"density": density, "u": u, "e": e}
@@ -393,8 +393,8 @@ def compute_density(u: Floats, weight: float) -> Floats:
 def with_zones(density: Floats, grid: OccupancyGrid, zones: Zones) -> Floats:
     """Add the cost of zones to a density: infinite in no-go ones, 1 outside preferred ones."""
     if zones.max_cost_per_metre:
-        density += zones.charge(grid)
-    if zones.has("no-go"):
+        density += zones.cost_per_metre(grid)
+    if zones.has_kind("no-go"):
         np.copyto(density, np.inf, where=zones.cells(grid, "no-go"))
     return density
 

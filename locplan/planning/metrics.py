@@ -228,7 +228,7 @@ def crosses_no_go(zones: Zones, grid: OccupancyGrid, path: Path) -> bool:
     path : Path
         The path in the world.
     """
-    if not zones.has("no-go"):
+    if not zones.has_kind("no-go"):
         return False
     *at, _ = crossed_cells(grid, path, 1)
     return bool(_sample_layers(zones.cells(grid, "no-go")[None], at, 0.0).any())

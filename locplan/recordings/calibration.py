@@ -539,7 +539,7 @@ class SeenWalls:
         self.grid, self.recording = grid, recording
         self.squares = empty_squares(grid.cells == OCCUPIED)
         self.beam_step = max(1, lidar.beams // 61)  # some sixty beams settle a scan
-        self.beams = lidar.for_kernels()._replace(min_range=0.0)
+        self.beams = lidar.to_kernel_settings()._replace(min_range=0.0)
         sparse_beams = np.ascontiguousarray(lidar.angles[:: self.beam_step])
         self.some = self.beams._replace(angles=sparse_beams)
 

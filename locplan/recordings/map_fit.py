@@ -79,7 +79,7 @@ class RangeFit:
                 f" resolution {grid.resolution:.4g} should be {true:.3g}",
                 f"set resolution: {true:.3g} in its YAML, and scale its origin likewise, if the"
                 " lidar's ranges are right",
-                sure=True,
+                is_certain=True,
             )
         cells, low, _ = (bound / grid.resolution for bound in self.depth)
         if cells >= DEEP and low > 1:
@@ -89,7 +89,7 @@ class RangeFit:
                 " surfaces: walls are inflated, or smeared by mapping",
                 "give the filter a map that is not inflated; this one is not hollowed, since the"
                 " truth lies inside of its walls",
-                sure=True,
+                is_certain=True,
             )
 
 
@@ -691,11 +691,11 @@ class Misfits:
         if self.false_share > MAX_FALSE_SHARE:
             description = f"{self.false_share:.1%} of the walls in view are seen through"
             boxes = find_bounding_boxes(grid, self.false)
-            yield MapFault("false walls", description, remedy, sure=True, boxes=boxes)
+            yield MapFault("false walls", description, remedy, is_certain=True, boxes=boxes)
         if self.missing.sum() * grid.resolution > MAX_MISSING_LENGTH:
             description = f"{1 - self.at_walls:.0%} of the beams end at no wall"
             boxes = find_bounding_boxes(grid, self.missing)
-            yield MapFault("missing walls", description, remedy, sure=True, boxes=boxes)
+            yield MapFault("missing walls", description, remedy, is_certain=True, boxes=boxes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,7 @@ class Matching(Settings):
             Mount of the lidar ahead and to the left of the robot's centre [m].
         """
         mounted = {"forward": forward, "left": left, "yaw": 0.0}
-        return self.lidar.for_kernels()._replace(angles=self.bearings, **mounted)
+        return self.lidar.to_kernel_settings()._replace(angles=self.bearings, **mounted)
 
     @property
     def nats_a_loss(self) -> float:

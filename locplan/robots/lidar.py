@@ -284,7 +284,7 @@ class Lidar(Settings):
         """`mount_yaw_deg` in radians."""
         return math.radians(self.mount_yaw_deg)
 
-    def for_kernels(self) -> Any:
+    def to_kernel_settings(self) -> Any:
         """The lidar in the form that the kernels take."""
         from locplan._support.kernels.lidar import LidarBeams as Beams
 

@@ -72,10 +72,10 @@ def list_costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[Costma
         Name of the costmap's node.
     """
     costmap_parameters = parameters.read_node_parameters(costmap)
-    is_named = any(not section.is_shared for _, section in parameters.entries(costmap))
+    is_named = any(not section.is_shared for _, section in parameters.find_sections(costmap))
     if "plugins" not in costmap_parameters and not is_named:
         return []
-    names = parameters.names(
+    names = parameters.read_names(
         costmap, "plugins", () if "plugins" in costmap_parameters else (*DEFAULT_TYPES,)
     )
     types = DEFAULT_TYPES if names == [*DEFAULT_TYPES] else {}
@@ -92,7 +92,7 @@ def list_costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[Costma
     for outer in map(layer, names):
         layers.append(outer)
         if outer.is_active("PluginContainerLayer"):
-            inner = parameters.names(costmap, f"{outer.name}.plugins")
+            inner = parameters.read_names(costmap, f"{outer.name}.plugins")
             layers += [layer(f"{outer.name}.{name}", outer.name) for name in inner]
     return layers
 
@@ -235,7 +235,7 @@ def read_planner_types(parameters: Nav2Parameters) -> dict[str, str]:
     server = parameters.read_node_parameters(PLANNER_SERVER)
     has_default = any(name.startswith(f"{DEFAULT_PLANNER}.") for name in server)
     default = (DEFAULT_PLANNER,) if has_default and "planner_plugins" not in server else ()
-    names = parameters.names(PLANNER_SERVER, "planner_plugins", default)
+    names = parameters.read_names(PLANNER_SERVER, "planner_plugins", default)
     missing = DEFAULT_TYPE if names == [DEFAULT_PLANNER] else ""
     return {name: str(server.get(f"{name}.plugin", missing)) for name in names}
 
@@ -356,7 +356,7 @@ def _read_lattice_path(parameters: Nav2Parameters, planner: str) -> str:
 def _read_lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | None:
     """Read motion model and turning radius from a planner's lattice file, or from its name."""
     text = _read_lattice_path(parameters, planner)
-    value = parameters.values(PLANNER_SERVER).get(f"{planner}.lattice_filepath")
+    value = parameters.find_values(PLANNER_SERVER).get(f"{planner}.lattice_filepath")
     file = parameters.files[value.file].path if value else None
     folder = file.parent if file else Path()
     for path in (folder / text, folder / Path(text).name) if value else ():
@@ -479,7 +479,7 @@ def _read_filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
     """Read the settings of AMCL; None without any."""
     amcl_parameters = parameters.read_node_parameters(AMCL)
     settings = {name: value for name, value in amcl_parameters.items() if name in SIMULATED}
-    if not settings and all(section.is_shared for _, section in parameters.entries(AMCL)):
+    if not settings and all(section.is_shared for _, section in parameters.find_sections(AMCL)):
         return None
     model = _normalize_motion_model(str(settings.pop("robot_model_type", DIFFERENTIAL)))
     if model in (DIFFERENTIAL, OMNIDIRECTIONAL):
@@ -500,7 +500,7 @@ def _list_filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
     )
     laser = amcl_parameters.get("laser_model_type")
     if isinstance(laser, str) and laser not in MODELS:
-        file = parameters.files[parameters.values(AMCL)["laser_model_type"].file].path
+        file = parameters.files[parameters.find_values(AMCL)["laser_model_type"].file].path
         yield (
             f"{file}: AMCL's beam model is not simulated; {MODELS[0]} is used instead"
             if laser == "beam"
@@ -516,7 +516,7 @@ def _list_filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
         *["robot_model_type"] * foreign,
         *unknown,
     ):
-        values = parameters.values(AMCL)
+        values = parameters.find_values(AMCL)
         files = {
             parameter.file
             for name, parameter in values.items()
@@ -529,7 +529,7 @@ def _list_filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
 def _list_conflict_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """Yield notes about parameters whose values for a wildcard and for a name differ."""
     for node in (AMCL, PLANNER_SERVER, GLOBAL_COSTMAP, LOCAL_COSTMAP):
-        for conflict in parameters.conflicts(node):
+        for conflict in parameters.find_conflicts(node):
             if node != AMCL or conflict.name in SIMULATED:
                 yield format_one_line(conflict.text)
 
@@ -646,7 +646,7 @@ def name_parameter_in_errors(
     try:
         yield
     except ConfigError as error:
-        values = parameters.values(node)
+        values = parameters.find_values(node)
         name = str(error).partition(" ")[0]
         value = values.get(f"{plugin}.{name}" if plugin else name)
         at = value.file if value else parameters.find_file_index(node) or 0

@@ -120,7 +120,7 @@ def iterate_sections(content: Parameters, keys: tuple[str, ...]) -> Iterator[Nod
 
 def list_section_values(at: int, section: NodeSection) -> Iterator[ParameterValue]:
     """Yield all values in an entry."""
-    for path, value in leaves(section.parameters):
+    for path, value in iterate_leaves(section.parameters):
         yield ParameterValue(value, at, section, path)
 
 
@@ -164,13 +164,13 @@ def read_component_values(at: int, file: ParameterFile, node: str) -> dict[str, 
     }
 
 
-def leaves(
+def iterate_leaves(
     parameters: Parameters, above: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Yield each value with the keys that lead to it."""
     for key, value in parameters.items():
         if isinstance(value, dict):
-            yield from leaves(value, (*above, key))
+            yield from iterate_leaves(value, (*above, key))
         else:
             yield (*above, key), value
 
@@ -214,7 +214,7 @@ class Nav2Parameters:
         """Namespace of the robot, such as "/robot1"."""
         return next((file.namespace for file in self.files if file.namespace), "")
 
-    def entries(self, node: str) -> list[tuple[int, NodeSection]]:
+    def find_sections(self, node: str) -> list[tuple[int, NodeSection]]:
         """Return the entries for a node and the indices of their files, in the order of
         application.
 
@@ -233,7 +233,7 @@ class Nav2Parameters:
         ]
         return [section for sections in fits for section in sections]
 
-    def values(
+    def find_values(
         self, node: str, *, shared: bool = True, component: bool = False
     ) -> dict[str, ParameterValue]:
         """Return the effective values of a node's parameters, with their places.
@@ -271,10 +271,10 @@ class Nav2Parameters:
         node, shared, component
             Those of `values`.
         """
-        values = self.values(node, shared=shared, component=component)
+        values = self.find_values(node, shared=shared, component=component)
         return {name: parameter.value for name, parameter in values.items()}
 
-    def conflicts(self, node: str) -> list[ParameterConflict]:
+    def find_conflicts(self, node: str) -> list[ParameterConflict]:
         """List parameters of a node whose values for a wildcard and for a name differ.
 
         A component container gives them a different value, or a later file's wildcard replaces the
@@ -285,7 +285,7 @@ class Nav2Parameters:
         node : str
             Name of the node.
         """
-        standalone, loaded = self.values(node), self.values(node, component=True)
+        standalone, loaded = self.find_values(node), self.find_values(node, component=True)
         conflicts = []
         for name, winner in standalone.items():
             rivals = [
@@ -301,7 +301,7 @@ class Nav2Parameters:
                 )
         return conflicts
 
-    def place(self, node: str, name: str) -> tuple[int, tuple[str, ...]]:
+    def find_place(self, node: str, name: str) -> tuple[int, tuple[str, ...]]:
         """Return file index and keys of a parameter's effective value, or of the place to add it.
 
         Parameters
@@ -309,10 +309,10 @@ class Nav2Parameters:
         node, name : str
             Names of the node and the parameter.
         """
-        if value := self.values(node).get(name):
+        if value := self.find_values(node).get(name):
             return value.file, value.keys
         at = self.find_file_index(node) or 0
-        sections = [section for index, section in self.entries(node) if index == at]
+        sections = [section for index, section in self.find_sections(node) if index == at]
         unshared_keys = [section.keys for section in sections if not section.is_shared]
         exact_keys = [section.keys for section in sections if "*" not in section.name]
         new = tuple(filter(None, f"{self._namespace_of_file(at)}/{node}".split("/")))
@@ -327,12 +327,12 @@ class Nav2Parameters:
             Name of the node.
         """
         counts: Counter[int] = Counter()
-        for at, section in self.entries(node):
+        for at, section in self.find_sections(node):
             if not section.is_shared:
-                counts[at] += 1 + sum(1 for _ in leaves(section.parameters))
+                counts[at] += 1 + sum(1 for _ in iterate_leaves(section.parameters))
         return max(sorted(counts), key=lambda at: counts[at]) if counts else None
 
-    def names(self, node: str, name: str, default: Sequence[str] = ()) -> list[str]:
+    def read_names(self, node: str, name: str, default: Sequence[str] = ()) -> list[str]:
         """Return the list of names in a parameter of a node.
 
         Parameters
@@ -366,7 +366,7 @@ class Nav2Parameters:
             return Nav2Parameters((ParameterFile(),)).with_values(node, values)
         files = [replace(file, content=copy.deepcopy(file.content)) for file in self.files]
         for name, value in values.items():
-            at, (*path, last) = self.place(node, name)
+            at, (*path, last) = self.find_place(node, name)
             inner = files[at].content
             for key in path:
                 if not isinstance(inner.get(key), dict):
@@ -414,7 +414,7 @@ class Nav2Parameters:
         """Return all values of a node's parameter in the files."""
         return [
             parameter
-            for at, section in self.entries(node)
+            for at, section in self.find_sections(node)
             for parameter in list_section_values(at, section)
             if ".".join(parameter.path) == name
         ]
@@ -428,7 +428,7 @@ class Nav2Parameters:
                 self._find_all_values(node, name), key=lambda parameter: parameter.file
             )
         ]
-        winner = self.values(node)[name]
+        winner = self.find_values(node)[name]
         choice_text = f"ROS takes {short_repr(winner.value)}"
         if loaded.value != winner.value:
             choice_text += f", or {short_repr(loaded.value)} in a component container"
@@ -523,7 +523,7 @@ def resolve_parameters(
         if len(files) == 1
         else ", ".join(str(parameter_file.path) for parameter_file in files)
     )
-    if not any(parameters.entries(node) for node in NODES):
+    if not any(parameters.find_sections(node) for node in NODES):
         namespace_text = f" in {parameters.namespace}" if parameters.namespace else ""
         raise LocplanError(
             f"{first}: has no parameters of Nav2's nodes{namespace_text}; {REMEDY} (as"
@@ -533,9 +533,9 @@ def resolve_parameters(
     for node in (GLOBAL_COSTMAP, PLANNER_SERVER):
         for name in ("plugins", "filters", "planner_plugins"):
             try:
-                parameters.names(node, name)
+                parameters.read_names(node, name)
             except LocplanError as error:
-                at, _ = parameters.place(node, name)
+                at, _ = parameters.find_place(node, name)
                 raise LocplanError(f"{files[at].path}: {error}") from None
     return parameters
 

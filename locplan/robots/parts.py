@@ -113,7 +113,7 @@ class Odometry(Settings):
     turn_bias: float = setting(0.02, 0.0)
     """Standard deviation, from drive to drive, of the factor on reported turns, >= 0 [1]."""
 
-    def for_kernels(self) -> Any:
+    def to_kernel_settings(self) -> Any:
         """The errors in the form that the kernels take."""
         from locplan._support.kernels.drives import OdometryErrors
 
@@ -162,7 +162,7 @@ class Disturbances(Settings):
     start_sigma_deg: float = setting(3.0, 0.0)
     """Standard deviation of the filter's first heading, >= 0 [deg]."""
 
-    def for_kernels(self) -> Any:
+    def to_kernel_settings(self) -> Any:
         """The disturbances of scans in the form that the kernels take."""
         from locplan._support.kernels.lidar import BeamDisturbances
 

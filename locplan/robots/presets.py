@@ -57,9 +57,9 @@ def list_applicable_presets(amcl: Amcl) -> dict[str, Amcl]:
 
     Examples
     --------
-    >>> [*amcl_presets(Amcl())]
+    >>> [*list_applicable_presets(Amcl())]
     ['precise', 'safe']
-    >>> [*amcl_presets(Amcl(update_min_d=0.05, update_min_a=0.1))]
+    >>> [*list_applicable_presets(Amcl(update_min_d=0.05, update_min_a=0.1))]
     ['precise']
     """
     settings = {name: with_preset(amcl, name) for name in AMCL_PRESETS}

@@ -123,7 +123,7 @@ def make_candidate_costmap(
     )
     max_excess = float(density[~blocked].max(initial=1.0)) - 1
     u = np.where(costs.grid.free, np.clip((density - 1) / (max_excess or 1.0), 0.0, 1.0), np.nan)
-    values = np.where(blocked, np.inf, 1 + max_excess * u + costs.zones.charge(costs.grid))
+    values = np.where(blocked, np.inf, 1 + max_excess * u + costs.zones.cost_per_metre(costs.grid))
     return dataclasses.replace(
         costs, density=values, weight=max_excess, u=u, of_heading=None, settings=None
     )
@@ -242,7 +242,7 @@ class SearchRegion(PlanningArea):
         xy = (start + goal) / 2 + np.column_stack([x, y])
         cells = np.column_stack(costs.grid.world_to_grid(*xy.T))
         window = make_window(costs.grid, cells, MARGIN / costs.grid.resolution)
-        grid, u = costs.grid.part(*window), costs.u[window]
+        grid, u = costs.grid.crop(*window), costs.u[window]
         return cls(grid, u, problem.robot, {SHORTEST: shortest}, costs, window, problem, longest)
 
     @cached_property
@@ -270,7 +270,9 @@ class SearchRegion(PlanningArea):
         """Return the path of least cost on a density of the part, or why it is no candidate."""
         costs = self.costs
         blocked = find_blocked_cells(costs, self.problem.settings.max_e, self.window)
-        charge = np.broadcast_to(costs.zones.charge(costs.grid), costs.grid.shape)[self.window]
+        charge = np.broadcast_to(costs.zones.cost_per_metre(costs.grid), costs.grid.shape)[
+            self.window
+        ]
         layer = Costmap.from_density(self.grid, np.where(blocked, np.inf, density + charge))
         result = self.problem.plan_least_cost(layer, limited=False)
         path = result.path

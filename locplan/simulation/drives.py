@@ -337,11 +337,11 @@ def make_drive_arguments(
         settings = CustomFilter(robot.filter, grid, lidar)
     return DriveArguments(
         filter_scores,
-        lidar.for_kernels()._replace(
+        lidar.to_kernel_settings()._replace(
             angles=np.ascontiguousarray(angles), min_range=nearest, max_range=farthest
         ),
-        disturbances.for_kernels(),
-        odometry.for_kernels(),
+        disturbances.to_kernel_settings(),
+        odometry.to_kernel_settings(),
         start,
         settings,
     )

@@ -133,7 +133,7 @@ class Simulator:
             The level of disturbance.
         """
         line = self.line(poses)
-        odometry = level.change_odometry(self.robot.odometry).for_kernels()
+        odometry = level.change_odometry(self.robot.odometry).to_kernel_settings()
         kink = find_kink(path, self.grid) if level.kink_deg else None
         if kink is None:
             return ((line, self.arguments._replace(odometry=odometry)),)

@@ -125,8 +125,8 @@ def test_large_maps_are_drawn_in_blocks_with_the_field_in_their_middles(field, m
 def test_values_read_at_cells_are_those_of_the_map(field, logarithmic):
     free = field.grid.free
     rows, cols = np.nonzero(free)
-    whole = field.on_map(field.e, logarithmic=logarithmic)[free]
-    read = field.on_map(field.e, logarithmic=logarithmic, cells=(rows, cols))
+    whole = field.interpolate_on_map(field.e, logarithmic=logarithmic)[free]
+    read = field.interpolate_on_map(field.e, logarithmic=logarithmic, cells=(rows, cols))
     np.testing.assert_array_equal(read, whole)
 
 

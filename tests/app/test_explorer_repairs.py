@@ -51,7 +51,7 @@ def test_repaired_scene_equals_computed_one(kind):
     ask(session, "change", changes=[draw(kind, points, 4.0 if kind == "erase" else 0.6)])
     check_scene(session)
     assert any(not scene.is_whole for scene in scenes)
-    assert not any(scene.field.lacking.any() for scene in scenes)
+    assert not any(scene.field.is_interpolated.any() for scene in scenes)
     assert len({scene.digest for scene in scenes if scene.site is session.scene.site}) > 2
 
 

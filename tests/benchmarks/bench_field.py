@@ -131,12 +131,12 @@ def words_compared(grid, rows, cols, radius, window):
     total = 0
     for group in layout.groups():
         tile, every = layout.tile(group), np.ones((window.angles.size, 1, layout.offsets), bool)
-        scratch = kernel.empty_scratch(*every.shape[::-2], layout.disc, masked=False)
+        scratch = kernel.make_cell_buffers(*every.shape[::-2], layout.disc, masked=False)
         for n in range(group.cells.size):
             per_cell = ("corners", "rests", "places", "sum_places")
             one = tile._replace(**{name: getattr(tile, name)[n : n + 1] for name in per_cell})
             given = weights, layout.window.places, scratch, np.zeros(2, np.int64)
-            kernel.tile_covariances(one, None, every, *given, np.empty((1, 3, 3)))
+            kernel.fill_tile_covariances(one, None, every, *given, np.empty((1, 3, 3)))
             last = scratch.template.bounds[-1, -1]
             total += int(last[1]) + 2 * int(last[3])
     return total / len(part.rows) * layout.offsets * kernel.GROUP

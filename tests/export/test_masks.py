@@ -574,7 +574,7 @@ def test_keepout_mask_has_cost_of_zones(costs, zones, name):
     np.testing.assert_array_equal(values == 100, closed)
     density, open_cells = mask_density(zoned), costs.grid.free & ~closed
     more = density[open_cells] - mask_density(costs)[open_cells]
-    np.testing.assert_allclose(more, zones.charge(costs.grid)[open_cells], atol=1e-12)
+    np.testing.assert_allclose(more, zones.cost_per_metre(costs.grid)[open_cells], atol=1e-12)
     has_room = open_cells & (costs.grid.clearance > 0.45)
     costs_of_values = np.floor(np.maximum(values, 0) * 2.54 + 0.5)
     charged = conversion.planner.excess(costs_of_values, conversion.param)

@@ -118,7 +118,7 @@ def test_one_that_cannot_be_removed_does_not_keep_the_rest(three, tmp_path, monk
             raise LocplanError("not yours")
         return remove(field)
 
-    monkeypatch.setattr(cache, "remove", all_but_one)
+    monkeypatch.setattr(cache, "remove_entry", all_but_one)
     cache.evict_results(tmp_path, 0, three[0])
     assert names(tmp_path) == ["rooms 1", "rooms 3"]
 

@@ -277,7 +277,7 @@ def test_the_papers_places_are_told_apart():
     e = {name: float(field.at(xy, "e")) for name, xy in at.items()}
     assert min(e, key=e.get) == "A"
     assert e["B"] > 10 * e["A"]
-    ambiguity = field.on_map(field.scalar("ambiguity"), logarithmic=False)
+    ambiguity = field.interpolate_on_map(field.scalar("ambiguity"), logarithmic=False)
     there = {name: ambiguity[grid.cell(xy)] for name, xy in at.items()}
     assert there["D"] > 0.5  # its bays repeat
     assert there["A"] < 0.1

@@ -99,7 +99,7 @@ def test_beams_of_a_part_keep_their_noise():
     left, whole = (Scan(replace(HALF, field_of_view_deg=width)) for width in (90.0, 180.0))
     inside = np.isin(whole.beams().angles, left.beams().angles)
     assert inside.sum() == left.beams_compared == 90
-    np.testing.assert_array_equal(whole.pattern[inside], left.pattern)
+    np.testing.assert_array_equal(whole.end_deviations[inside], left.end_deviations)
 
 
 def test_half_a_lidar_leaves_more_of_an_office_degenerate():

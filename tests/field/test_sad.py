@@ -188,7 +188,7 @@ def test_disc_sums_equal_the_plain_loops():
     plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
     octets = np.stack([plane, 1 - plane])
     result = np.full((2, 8, 12), -1)
-    bitplanes.disc_sums(octets, 3, 2, 6, 3, 10, result)
+    bitplanes.fill_disc_sums(octets, 3, 2, 6, 3, 10, result)
     assert (result[:, :, 10:] == -1).all()
     result = result[:, :, :10]
     np.testing.assert_array_equal(result[0], oracles.sad.disc_sums(plane[2:, 3:], 6, 3, 10, 8))

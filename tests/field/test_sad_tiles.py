@@ -102,7 +102,7 @@ def test_rejected_lines_are_beyond_the_limit_on_real_maps(real_maps, name, reach
     estimator = Sad(range=reach)
     window, negligible = (
         estimator.window.to_lattice(grid.resolution),
-        estimator.negligible(grid.resolution),
+        estimator.negligible_mismatch(grid.resolution),
     )
     free = np.argwhere(grid.free)
     rows, cols = free[np.random.default_rng(1).integers(len(free), size=6)].T
@@ -131,7 +131,7 @@ def test_covariances_are_those_of_all_offsets(resolution, reach, tau):
     cells = random_rooms((400, 380), seed=int(tau), blocks=60)
     window = SearchWindow(half_width=1.0, half_rotation_deg=20.0)
     estimator = Sad(range=reach, window=window, weights=Exponential(tau))
-    limit = estimator.negligible(resolution)
+    limit = estimator.negligible_mismatch(resolution)
     assert (limit > simd.MAX_SHORT) == (resolution == 0.02 or tau > 1)
     rows, cols = np.array([200, 40, 207]), np.array([180, 370, 111])
     part = MapPart.from_map(cells, rows, cols, resolution)
@@ -156,17 +156,17 @@ def test_levels_may_be_a_part_of_the_map():
 
 
 def test_only_the_config_decides_whether_offsets_are_rejected():
-    assert Sad(range=10.0).negligible(0.05) == int(40 * 0.57 * 2 / 0.05**2)
+    assert Sad(range=10.0).negligible_mismatch(0.05) == int(40 * 0.57 * 2 / 0.05**2)
     for other in (
         Sad(range=9.99),
         Sad(range=10.0, template="visible"),
         Sad(range=10.0, weights=InverseSquare()),
         Sad.paper(range=20.0),
     ):
-        assert other.negligible(0.05) is None
-    assert Sad(range=10.0).negligible(0.2) is None  # a disc of few cells
+        assert other.negligible_mismatch(0.05) is None
+    assert Sad(range=10.0).negligible_mismatch(0.2) is None  # a disc of few cells
     wide = Sad(range=10.0, window=SearchWindow(half_width=20.0))
-    assert wide.negligible(0.05) > Sad(range=10.0).negligible(0.05)
+    assert wide.negligible_mismatch(0.05) > Sad(range=10.0).negligible_mismatch(0.05)
 
 
 def test_limits_are_scaled_into_sixteen_bits():

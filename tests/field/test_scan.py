@@ -351,21 +351,23 @@ def test_the_ends_noise_is_that_of_van_der_corputs_sequence():
     halton = stats.qmc.Halton(1, scramble=False).random(91)[1:, 0]
     np.testing.assert_array_equal(halton, quantiles)
     ahead = Settings(range=5.0, field_of_view_deg=180.0, beams=180)
-    left = Scan(ahead).pattern[90:]
+    left = Scan(ahead).end_deviations[90:]
     np.testing.assert_allclose(left, stats.norm.ppf(quantiles), rtol=1e-12, atol=1e-15)
-    few = Scan(ahead, max_beams=41).pattern[20:]
+    few = Scan(ahead, max_beams=41).end_deviations[20:]
     np.testing.assert_array_equal(few, left[:20])
-    own = Scan(replace(ahead, beams=41)).pattern[20:]  # 4.5 deg apart, which divide a quarter
+    own = Scan(replace(ahead, beams=41)).end_deviations[
+        20:
+    ]  # 4.5 deg apart, which divide a quarter
     np.testing.assert_array_equal(own, left[:21])
-    many = stats.norm.cdf(Scan(replace(ahead, beams=2046), max_beams=2046).pattern[1023:])
+    many = stats.norm.cdf(Scan(replace(ahead, beams=2046), max_beams=2046).end_deviations[1023:])
     np.testing.assert_allclose(np.sort(many), np.arange(1, 1024) / 1024, rtol=1e-9)
 
 
 @pytest.mark.parametrize("beams", [180, 72, 44, 4, 3, 1])
 def test_beams_that_a_mirror_or_a_quarter_turn_exchanges_have_one_noise(beams):
-    ahead = Scan(Settings(range=5.0, field_of_view_deg=200.0, beams=beams)).pattern
+    ahead = Scan(Settings(range=5.0, field_of_view_deg=200.0, beams=beams)).end_deviations
     np.testing.assert_array_equal(ahead, ahead[::-1])
-    around = Scan(Settings(range=5.0, beams=beams)).pattern
+    around = Scan(Settings(range=5.0, beams=beams)).end_deviations
     np.testing.assert_array_equal(around, around[::-1])
     if beams % 4 == 0:
         np.testing.assert_array_equal(around, np.roll(around, beams // 4))

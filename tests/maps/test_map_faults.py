@@ -68,7 +68,7 @@ def test_blocks_that_are_black_inside_are_solid_and_hollow_ones_are_not():
 def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
     monkeypatch.setattr("locplan.maps.map_faults.MISLEADING_DEPTH", 3.5)
     found = faults(replace(blocks(), origin=(1.0, 0.0, 0.0)))  # another map, which is checked anew
-    assert [(each.kind, each.sure) for each in found] == [("thick walls", False)]
+    assert [(each.kind, each.is_certain) for each in found] == [("thick walls", False)]
     assert not found.is_solid
 
 
@@ -97,14 +97,14 @@ def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
 @pytest.mark.parametrize(("cells", "depth"), [(5, 0.0), (6, 1.0)])
 def test_walls_are_deep_with_over_half_a_metre_of_black(cells, depth):
     room = np.pad(np.full((30, 40), FREE, np.uint8), cells, constant_values=OCCUPIED)
-    assert measure_solidity(OccupancyGrid(room, 0.1)).depth == depth
+    assert measure_solidity(OccupancyGrid(room, 0.1)).deep_surface_share == depth
 
 
 def test_the_check_is_made_once_of_equal_maps():
     first = measure_solidity(blocks())
     assert measure_solidity(blocks()) is first
-    assert 0.2 <= first.wins <= 1
-    assert first.hollowed_wrong_pose_share <= first.wins / 2
+    assert 0.2 <= first.wrong_pose_share <= 1
+    assert first.hollowed_wrong_pose_share <= first.wrong_pose_share / 2
 
 
 @pytest.mark.parametrize(("speck", "many"), [(1, True), (3, True), (4, False)])

@@ -234,6 +234,6 @@ def test_draw_zones_leaves_out_zones_beside_the_map():
     labels = [handle.get_label() for handle in draw_zones(axes, ALL, grid)]
     assert labels == ["no-go zone", "slow zone", "preferred zone"]
     np.testing.assert_array_equal(axes.patches[1].get_path().vertices[:3], TRIANGLE)
-    part = grid.part(slice(0, 3), slice(0, 3))
+    part = grid.crop(slice(0, 3), slice(0, 3))
     assert [handle.get_label() for handle in draw_zones(axes, ALL, part)] == ["no-go zone"]
     assert not draw_zones(axes, Zones(), grid)

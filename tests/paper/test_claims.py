@@ -106,7 +106,7 @@ def test_a_free_template_matches_free_space_alike_up_to_the_border(slides, panel
     assert slide.is_constant_until(model, 1.5)
     assert not slide.is_constant_until(model, 1.55)
     if (panel, model) != (1, "NCC"):
-        assert slide.peaks(model).max() == pytest.approx(1.5)
+        assert slide.find_peaks(model).max() == pytest.approx(1.5)
 
 
 @pytest.mark.parametrize("model", ["SSD", "SAD", "NSSD", "NCC", "ZNCC", "ZCC"])

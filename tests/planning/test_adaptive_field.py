@@ -74,7 +74,7 @@ def test_a_coarse_field_has_the_values_of_its_points_and_reads_all_others(grid, 
     points = select_second_points(whole.is_evaluated)
     np.testing.assert_array_equal(coarse.is_evaluated, points)
     np.testing.assert_array_equal(coarse.covariance[points], whole.covariance[points])
-    np.testing.assert_array_equal(coarse.lacking, whole.is_evaluated & ~points)
+    np.testing.assert_array_equal(coarse.is_interpolated, whole.is_evaluated & ~points)
     read, known = coarse.e_map(), whole.e_map()
     np.testing.assert_array_equal(np.isnan(read), np.isnan(known))
     off = np.abs(np.log(read / known))[grid.free[:, :, None] & ~np.isnan(known)]
@@ -90,7 +90,7 @@ def test_a_covariance_is_read_as_e_is_where_points_are_lacking(grid, coarse):
 
 
 def test_a_whole_field_lacks_nothing(whole):
-    assert not whole.lacking.any()
+    assert not whole.is_interpolated.any()
 
 
 def test_the_saturated_share_counts_all_parts_of_a_map_alike(grid, whole, coarse):

@@ -274,7 +274,7 @@ def test_costmap_charges_zones_in_each_heading():
     field = covariance_field(grid, ahead)
     zones = Zones([Zone("prefer", box(-3, -1, 0, 1)), Zone("no-go", box(1, -1, 2, 0))])
     plain, costs = (Costmap.from_field(field, robot=0.3, zones=z) for z in (None, zones))
-    expected = plain.density_of_heading + zones.charge(grid)
+    expected = plain.density_of_heading + zones.cost_per_metre(grid)
     expected[:, zones.cells(grid, "no-go")] = np.inf
     np.testing.assert_array_equal(costs.density_of_heading, expected)
     poses = [[-1.5, 0.2, 0.4], [1.5, 0.6, 0.4], [1.5, -0.5, 0.4]]

@@ -184,7 +184,7 @@ from locplan.comparison.statistics import RUN_COLUMNS, Task
 from locplan.field.config import FieldConfig
 from locplan.field.sad import Gaussian
 from locplan.planning.metrics import LidarShare, make_lidar_table
-from locplan.robots.presets import amcl_presets, describe_preset
+from locplan.robots.presets import describe_preset, list_applicable_presets
 from locplan.simulation.race import CANDIDATE_COLUMNS
 
 grid = locplan.load_map("bay.yaml")
@@ -200,7 +200,7 @@ assert "solved_runs" in [column.name for column in STANDINGS]
 run = run_from_plan(Task("bay", "none", "ab", 4.0, "straight", 1), plan)
 assert run.measure("corners") == 0
 
-assert amcl_presets(locplan.robots.Amcl())["keen"].z_hit == 0.8
+assert list_applicable_presets(locplan.robots.Amcl())["keen"].z_hit == 0.8
 assert describe_preset("keen") == "z_hit 0.8"
 
 assert locplan.Lidar.preset("toy").beams == 91

@@ -94,7 +94,7 @@ def test_values_of_a_part_are_those_of_the_map(field):
     row, col = np.round(field.grid.world_to_grid(*part.origin[:2])).astype(int)
     window = slice(row, row + part.shape[0]), slice(col, col + part.shape[1])
     np.testing.assert_array_equal(field.grid.cells[window], part.cells)
-    whole = field.on_map(field.scalar("e", headings="mean"))
+    whole = field.interpolate_on_map(field.scalar("e", headings="mean"))
     np.testing.assert_allclose(np.ma.filled(shown, np.nan), whole[window], rtol=1e-9)
 
 

@@ -163,7 +163,7 @@ def test_false_and_missing_walls_are_faults_with_their_places(office, drive):
     grid = replace(office, cells=cells, origin=(3.0, -2.0, 0.0))
     own = drive.move(3.6, -1.4, 0.0)
     (false,) = find_misfits(grid, [own]).faults(grid)
-    assert (false.kind, false.sure) == ("false walls", True)
+    assert (false.kind, false.is_certain) == ("false walls", True)
     left, right, low, top = false.boxes[0]
     assert (left, right) == pytest.approx((18.0, 38.0), abs=0.15)
     assert (low, top) == pytest.approx((5.0, 5.4), abs=0.15)

@@ -22,9 +22,9 @@ def count_mismatches(layout, *, visible=False, kept=None):
             one = tile._replace(**{name: getattr(tile, name)[n : n + 1] for name in per_cell})
             sees = layout.sight(group) if visible else None
             seen = sees and sees._replace(rows=sees.rows[n : n + 1], cols=sees.cols[n : n + 1])
-            scratch = kernel.empty_scratch(offsets, headings, layout.disc, masked=visible)
+            scratch = kernel.make_cell_buffers(offsets, headings, layout.disc, masked=visible)
             marks, places = kept[:, [cell]], layout.window.places
-            kernel.tile_covariances(one, seen, marks, weights, places, scratch, *unused)
+            kernel.fill_tile_covariances(one, seen, marks, weights, places, scratch, *unused)
             found = scratch[0].reshape(offsets, headings, -1)[:, :, :offsets].transpose(0, 2, 1)
             result[cell] = np.where(kept[:, cell].T[:, None], found, -1)
     return result
@@ -33,5 +33,5 @@ def count_mismatches(layout, *, visible=False, kept=None):
 class PlainSad(Sad):
     """The estimator that compares all offsets."""
 
-    def negligible(self, resolution):
+    def negligible_mismatch(self, resolution):
         return None

@@ -56,7 +56,7 @@ def compute_scene(
             progress=progress,
         )
     return MapScene(
-        site, _make_costs(site, field, opening), field, field.is_evaluated | field.lacking
+        site, _make_costs(site, field, opening), field, field.is_evaluated | field.is_interpolated
     )
 
 

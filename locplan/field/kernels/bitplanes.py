@@ -98,7 +98,7 @@ def lay_out_words(
 
 
 @njit(nogil=True, cache=True)
-def disc_sums(
+def fill_disc_sums(
     octets: Octets,
     top: int,
     left: int,
@@ -204,7 +204,7 @@ class TemplateCounts(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def keep_lines(
+def mark_kept_lines(
     blocks: BlockCounts,
     table: Shorts,
     corners: Ints,

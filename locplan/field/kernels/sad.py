@@ -129,7 +129,7 @@ class CellBuffers(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def tile_covariances(
+def fill_tile_covariances(
     tile: TileLayout,
     sight: SightRays | None,
     is_kept: Bools,
@@ -214,7 +214,9 @@ def count_lines(
                 counts[np.uint64(line) + v] = differing + factor * counts[np.uint64(line) + v]
 
 
-def empty_scratch(offsets: int, headings: int, disc: DiscSquares, *, masked: bool) -> CellBuffers:
+def make_cell_buffers(
+    offsets: int, headings: int, disc: DiscSquares, *, masked: bool
+) -> CellBuffers:
     """Return buffers for one cell, with masks if requested."""
     counts = np.empty(offsets * headings * -(-offsets // GROUP) * GROUP, np.int64)
     masks = np.empty((headings if masked else 0, disc.words.size), np.uint64)
