@@ -563,7 +563,7 @@ class MapFaults(Result):
     faults: tuple[MapFault, ...]
     """The faults, the most important first."""
     corrected_map: OccupancyGrid
-    """The map as its file is meant, see `as_meant`, which the faults of walls and cells are of."""
+    """The map with corrected thresholds; the faults of walls and cells are found in it."""
 
     def __repr__(self) -> str:
         kinds = ", ".join(fault.kind for fault in self) or "none"

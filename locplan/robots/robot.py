@@ -58,7 +58,7 @@ class Robot(Settings):
     >>> robot = Robot("turtlebot4", footprint=0.18)
     >>> robot.lidar.range, round(robot.radius, 2)
     (12.0, 0.23)
-    >>> robot.changed({"alpha1": 0.05}).filter
+    >>> robot.with_settings({"alpha1": 0.05}).filter
     Amcl(alpha1=0.05)
     """
 
