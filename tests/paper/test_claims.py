@@ -111,7 +111,7 @@ def test_a_free_template_matches_free_space_alike_up_to_the_border(slides, panel
 
 @pytest.mark.parametrize("model", ["SSD", "SAD", "NSSD", "NCC", "ZNCC", "ZCC"])
 def test_six_models_have_a_single_peak_where_the_template_fits(slides, model):
-    np.testing.assert_allclose(slides[2].peaks(model), [2.0])
+    np.testing.assert_allclose(slides[2].find_peaks(model), [2.0])
 
 
 def test_why_models_are_ruled_out(slides):
@@ -122,7 +122,7 @@ def test_why_models_are_ruled_out(slides):
     for model in ("NSSD", "NCC"):  # division by the level of occupied space
         assert np.isnan(on_occupied[model][150:]).all()
     assert on_unknown["NCC"][-1] == on_unknown["NCC"][0]  # unknown is half of free
-    np.testing.assert_allclose(slides[2].peaks("CC"), np.arange(41) * 0.05)  # misses the wall
+    np.testing.assert_allclose(slides[2].find_peaks("CC"), np.arange(41) * 0.05)  # misses the wall
     assert (np.diff(on_wall["SAD"][:41]) < 0).all()
     assert (np.diff(on_wall["SAD"][40:141]) > 0).all()
 
