@@ -70,7 +70,7 @@ def test_zones_beyond_the_map_hold_its_part():
 def test_charge_is_1_outside_preferred_zones():
     grid = open_grid()
     assert Zones([Zone("no-go", BOX)]).cost_per_metre(grid) == 0.0
-    charge = ALL.charge(grid)
+    charge = ALL.cost_per_metre(grid)
     assert np.unique(charge).tolist() == [0.0, 1.0]
     assert (charge == 0).sum() == 20 * 10
 
