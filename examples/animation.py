@@ -1,4 +1,4 @@
-"""Where robots go that their filters steer, on the shortest path and on the one to take.
+"""Animation of closed-loop drives on the shortest and on the recommended path.
 
 Run: python examples/animation.py [FOLDER]
 """
@@ -21,7 +21,7 @@ from locplan.simulation import Arrivals, Simulator, drive_closed
 MAP = Path(__file__).resolve().parent.parent / "maps" / "hall.yaml"
 START, GOAL = (32.2, 16.0), (4.3, 15.0)
 DRIVES = 60
-COLOURS = {"shortest": "#b5431f", "to take": "#00857c"}
+COLOURS = {"shortest": "#b5431f", "recommended": "#00857c"}
 TICK = 0.1
 """Time between two poses of a drive [s]."""
 
@@ -30,49 +30,51 @@ def main(folder: str = "animation", step: float = 1.0, drives: int = DRIVES) -> 
     """Write FOLDER/drives.gif with a frame every `step` seconds."""
     grid, robot = locplan.load_map(MAP), locplan.Robot("turtlebot4")
     choice = locplan.recommend_path(grid, START, GOAL, robot)
-    paths = {"shortest": choice.shortest.path, "to take": choice.path}
+    paths = {"shortest": choice.shortest.path, "recommended": choice.path}
     driven = drive_closed(Simulator(grid, robot, seed=1001), paths, range(drives))
-    for name, each in driven.items():
-        print(f"{name}: {paths[name].length:.1f} m, {each.arrivals_text} arrive")
+    for name, arrivals in driven.items():
+        print(f"{name}: {paths[name].length:.1f} m, {arrivals.arrivals_text} arrive")
 
     figure = Figure(figsize=(8.0, 7.0), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(7, 3))
     draw_map(above, grid)
     draw_ends(above, START, GOAL)
-    moving = [_Moving(name, paths[name], each, above, below) for name, each in driven.items()]
-    arrive = [f"{each.count} of {drives}" for each in driven.values()]
+    crowds = [
+        RobotCrowd(name, paths[name], arrivals, above, below) for name, arrivals in driven.items()
+    ]
+    arrival_texts = [f"{arrivals.count} of {drives}" for arrivals in driven.values()]
     above.set_title(
         f"{drives} robots steered by AMCL (Nav2's defaults, lidar of TurtleBot 4):\n"
-        f"{arrive[0]} arrive on the shortest path, {arrive[1]} on the one that is recommended",
+        f"{arrival_texts[0]} arrive on the shortest, {arrival_texts[1]} on the recommended path",
         fontsize=10,
     )
     above.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
-    longest = max(each.seconds for each in driven["to take"].drives) + 5.0
+    longest = max(drive.seconds for drive in driven["recommended"].drives) + 5.0
     below.set(xlim=(0, longest), xlabel="time [s]", ylabel="position error [m]")
     below.legend(loc="upper left", frameon=False, fontsize=9)
 
-    at = np.append(np.arange(0.0, longest, step), [longest] * 12)  # the last frame rests
-    film = FuncAnimation(figure, lambda s: [each.show(s) for each in moving], at)
+    at = np.append(np.arange(0.0, longest, step), [longest] * 12)  # repeats the last frame
+    film = FuncAnimation(figure, lambda s: [crowd.show(s) for crowd in crowds], at)
     target = Path(folder) / "drives.gif"
     target.parent.mkdir(parents=True, exist_ok=True)
     film.save(target, PillowWriter(fps=10), dpi=100)
     print(f"wrote {target}")
 
 
-class _Moving:
-    """Robots on one path, and the median of their errors so far."""
+class RobotCrowd:
+    """Robots on one path, with the median of their errors over time."""
 
     def __init__(
-        self, name: str, path: locplan.Path, found: Arrivals, above: Axes, below: Axes
+        self, name: str, path: locplan.Path, arrivals: Arrivals, above: Axes, below: Axes
     ) -> None:
-        ticks = max(len(each.truth) for each in found.drives)
+        ticks = max(len(drive.truth) for drive in arrivals.drives)
 
-        def held(poses: np.ndarray) -> np.ndarray:
-            """Positions at each tick; a robot whose drive has ended stays."""
+        def pad_positions(poses: np.ndarray) -> np.ndarray:
+            """Return the positions at each tick. A robot stays where its drive ended."""
             return np.pad(poses[:, :2], ((0, ticks - len(poses)), (0, 0)), mode="edge")
 
-        self.truth = np.array([held(each.truth) for each in found.drives])
-        believed = np.array([held(each.believed) for each in found.drives])
+        self.truth = np.array([pad_positions(drive.truth) for drive in arrivals.drives])
+        believed = np.array([pad_positions(drive.believed) for drive in arrivals.drives])
         self.error = np.median(np.hypot(*(believed - self.truth).transpose(2, 0, 1)), axis=0)
         colour = COLOURS[name]
         above.plot(*path.xy.T, linewidth=1.2, color=colour)

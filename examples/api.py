@@ -1,4 +1,4 @@
-"""Pages of all public names, made from their docstrings.
+"""Generate the API pages of all public names from their docstrings.
 
 Run: pip install 'locplan[docs]' && python examples/api.py [FOLDER]
 """
@@ -21,16 +21,16 @@ import locplan
 from locplan._support import public
 
 PACKAGES = ("locplan", "locplan.planning.ompl")
-"""The package, and one that it does not name since OMPL is imported with it."""
+"""The package, and the one that it does not export because it imports OMPL."""
 
 
 def main(folder: str = "api") -> None:
-    """Write FOLDER/index.html, and a page of each public package beside it."""
-    public.tell_fields = lambda thing: None  # pdoc shows them by itself
+    """Write FOLDER/index.html, and a page per public package next to it."""
+    public.tell_fields = lambda thing: None  # pdoc shows fields itself
     for package in map(importlib.import_module, PACKAGES):
         for thing in public_things(package):
             resolve_fields(thing)
-            take_over(thing)
+            copy_inherited_members(thing)
     footer = f"locplan {locplan.__version__}"
     pdoc.render.configure(docformat="numpy", footer_text=footer)
     pdoc.pdoc(*PACKAGES, output_directory=Path(folder))
@@ -38,7 +38,7 @@ def main(folder: str = "api") -> None:
 
 
 def public_things(package: ModuleType) -> Iterator[object]:
-    """All that a package names in its `__all__`, and what the packages among it name."""
+    """Yield the names in the `__all__` of a package and of its public packages."""
     for name in package.__all__:
         thing = getattr(package, name)
         yield thing
@@ -53,9 +53,9 @@ def public_things(package: ModuleType) -> Iterator[object]:
 
 
 def resolve_fields(thing: object) -> None:
-    """Let the signature of a dataclass or NamedTuple hold the types of its fields, not their names.
+    """Replace the names of types in the signature of a dataclass or NamedTuple by the types.
 
-    pdoc looks a type up in the module of the class, also that of a field of another class.
+    pdoc looks types up in the module of the class, even for inherited fields.
     """
     if inspect.isclass(thing) and hasattr(thing, "_fields"):  # a NamedTuple
         thing.__new__.__annotations__ |= get_type_hints(thing)
@@ -70,8 +70,8 @@ def resolve_fields(thing: object) -> None:
                     signature[field] = eval(kind, dict(names))
 
 
-def take_over(thing: object) -> None:
-    """Let a class hold what it has from bases that have no page, such as `save` of results."""
+def copy_inherited_members(thing: object) -> None:
+    """Copy members of private base classes into a class, such as `save` of results."""
     for base in thing.__mro__[1:] if inspect.isclass(thing) else ():
         for name, member in vars(base).items():
             public_name = base.__module__.startswith("locplan._support.") and not name.startswith(

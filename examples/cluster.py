@@ -1,4 +1,4 @@
-"""A field computed by the worker processes of a dask cluster, saved, and drawn.
+"""Compute a field on a dask cluster, save it and draw it.
 
 Run: pip install 'locplan[dask]' && python examples/cluster.py [FOLDER]
 """
@@ -14,12 +14,12 @@ from locplan.maps import environments
 try:
     from distributed import Client, LocalCluster
 except ImportError:
-    sys.exit("a cluster needs dask: pip install 'locplan[dask]'")
+    sys.exit("this example needs dask; run pip install 'locplan[dask]'")
 
 
 def main(folder: str = "cluster") -> None:
     grid = environments.make("places", resolution=0.1)
-    # On machines of your own: Client("tcp://HOST:8786"), with locplan installed on the workers.
+    # On your own machines: Client("tcp://HOST:8786"), with locplan installed on the workers.
     with LocalCluster(n_workers=2, dashboard_address=":0") as cluster, Client(cluster) as client:
         field = locplan.load_or_compute(grid, executor=client.get_executor())
     print(f"{field.is_evaluated.sum():,} cells, {field.saturated_share:.0%} of them saturated")

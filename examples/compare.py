@@ -1,4 +1,4 @@
-"""Which planner, at which weight, with which range: one call, one report.
+"""Compare planners, weights and lidar ranges in one call and one report.
 
 Run: python examples/compare.py [FOLDER [SECONDS [MAP.yaml ...]]]
 """
@@ -20,7 +20,7 @@ def main(folder: str = "comparison", seconds: float = 1.0, *maps: str) -> None:
         weights=[0.0, 4.0],
         seeds=[1, 2],
         execution=Execution(time_limit=seconds),
-        configs={  # what if the lidar saw further?
+        configs={  # how much does a longer range help?
             "6 m": locplan.Sad(range=6.0),
             "8 m": locplan.Sad(range=8.0),
         },

@@ -1,4 +1,4 @@
-"""The estimators side by side where they differ most: what the paper's disc and a lidar see.
+"""Compare the estimators on the part of a map where they differ most.
 
 Run: python examples/estimators.py [FOLDER [MAP.yaml ...]]
 """
@@ -19,7 +19,7 @@ from locplan.field import figures
 from locplan.maps import environments
 
 WINDOW = 18.0
-"""Side of the part of each map that is drawn [m]."""
+"""Side of the drawn part of each map [m]."""
 
 
 def main(folder: str = "estimators", *maps: str) -> None:
@@ -42,15 +42,15 @@ def main(folder: str = "estimators", *maps: str) -> None:
             took, share = time.perf_counter() - began, f"{field.saturated_share:.0%} saturated"
             print(f"{grid.name}, {label}: {took:.1f} s, {share}")
             rows[-1][f"{label}\n{share}"] = field
-        parts.append(where_they_differ(list(rows[-1].values())))
+        parts.append(crop_largest_difference(list(rows[-1].values())))
     target = Path(folder) / "estimators.png"
     target.parent.mkdir(parents=True, exist_ok=True)
     figures.fields_figure(rows, "position_std", parts).savefig(target, dpi=130)
     print(f"wrote {target}")
 
 
-def where_they_differ(fields: Sequence[locplan.CovarianceField]) -> locplan.OccupancyGrid:
-    """Part of the map in which the estimators differ most in what they take for weak."""
+def crop_largest_difference(fields: Sequence[locplan.CovarianceField]) -> locplan.OccupancyGrid:
+    """Return the part of the map in which the relative deviations of the estimators differ most."""
     grid, stride = fields[0].grid, fields[0].stride
     logs = np.log([field.scalar("position_std") for field in fields])
     known = np.isfinite(logs).all(axis=0)

@@ -1,8 +1,8 @@
-"""A picture of the explorer's page: the hall with TurtleBot 4's lidar, both paths, an ellipse.
+"""Screenshot of the explorer: the hall with TurtleBot 4's lidar, both paths and an error ellipse.
 
 Run: python examples/explorer_picture.py [FOLDER [MAP]]
 
-It needs playwright and a Chromium of this machine, beside what the explorer needs.
+Needs playwright and an installed Chromium, as well as the packages of the explorer.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ import locplan
 
 MAPS = Path(__file__).resolve().parent.parent / "maps"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-"""Commands that start a browser, the first that is there is taken."""
+"""Commands that start a browser. The first installed one is used."""
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 SIZE = {"width": 1400, "height": 900}
 """Size of the window [px]."""
 POINTED = (400.0, 480.0)
-"""Place of the cursor in the window [px], in the degenerate part of the hall."""
+"""Position of the cursor in the window [px], in the degenerate part of the hall."""
 PATIENCE = 600_000
-"""Longest time until both paths are there [ms]; the field is computed the first time."""
+"""Timeout until both paths are shown [ms]. The first run computes the field."""
 
 
-def browser_file() -> str | None:
-    """The browser of this machine, if there is one."""
-    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+def find_browser() -> str | None:
+    """Return the path of an installed browser, if there is one."""
+    return next((path for name in BROWSERS if (path := shutil.which(name))), None)
 
 
-def photographed(address: str, browser: str) -> bytes:
-    """The page at an address as a PNG, once both paths are there."""
+def take_screenshot(address: str, browser: str) -> bytes:
+    """Return the page at an address as a PNG, once both paths are shown."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -52,12 +52,12 @@ def photographed(address: str, browser: str) -> bytes:
 
 def main(folder: str = "explorer_picture", map_name: str = "hall") -> None:
     """Write explorer.png into a folder, with 256 colours."""
-    browser = browser_file()
+    browser = find_browser()
     if browser is None:
-        sys.exit(f"explorer_picture needs a browser; none of {', '.join(BROWSERS)} is here")
+        sys.exit(f"explorer_picture needs a browser; install one of {', '.join(BROWSERS)}")
     grid = locplan.load_map(MAPS / f"{map_name}.yaml")
     with locplan.explore(grid, robot=locplan.Robot("turtlebot4"), open_browser=False) as explorer:
-        picture = photographed(explorer.address, browser)
+        picture = take_screenshot(explorer.address, browser)
     file = Path(folder) / "explorer.png"
     file.parent.mkdir(parents=True, exist_ok=True)
     page = Image.open(BytesIO(picture)).convert("RGB")

@@ -1,4 +1,4 @@
-"""What a navigation stack takes: masks, a path, and a route graph.
+"""Export masks, a path and a route graph for a navigation stack.
 
 Run: python examples/navigation.py [FOLDER [MAP.yaml]]
 """

@@ -1,4 +1,4 @@
-"""locplan's parts in an OMPL program of one's own: a planner by hand, then OMPL's Benchmark.
+"""Use locplan in your own OMPL program: a planner by hand, then OMPL's Benchmark.
 
 Run: python examples/ompl_program.py [FOLDER]
 """
@@ -34,7 +34,7 @@ def main(folder: str = "ompl_program") -> None:
         cost = path.cost(problem.getOptimizationObjective()).value()
         print(f"InformedRRTstar: J = {cost:.1f} m after 1 s, {path.getStateCount()} states")
 
-    # Or everything in OMPL's own set-up, here to compare planners with its Benchmark. (That keeps
+    # Or use OMPL's SimpleSetup, here to compare planners with its Benchmark. (That keeps
     # its set-up to the end of the program, where nanobind complains of a leak: a flaw of OMPL.)
     setup = geometric.SimpleSetup(information)
     start, goal = (

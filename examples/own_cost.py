@@ -1,4 +1,4 @@
-"""Plan on a cost of one's own: here, keep away from walls, with localizability on top.
+"""Plan with a custom cost: keep away from walls, in addition to localizability.
 
 Run: python examples/own_cost.py [FOLDER]
 """

@@ -1,4 +1,4 @@
-"""Why AMCL gets lost on a map whose walls are black inside: one scan, where it was taken and not.
+"""Show why AMCL gets lost on a map with solid walls: the weights of a right and a wrong pose.
 
 Run: python examples/solid_walls.py [FOLDER [MAP.yaml]]
 """
@@ -24,7 +24,7 @@ ROBOT = locplan.Robot(LIDAR, disturbances=locplan.robots.Disturbances(outliers=0
 SIGMA = 0.2
 """AMCL's sigma_hit by default [m]."""
 AROUND = 4.0
-"""Half the side of the part of the map that is drawn [m]."""
+"""Half the side of the drawn part of the map [m]."""
 
 
 def main(folder: str = "solid_walls", map_file: str | Path = "") -> None:
@@ -46,7 +46,7 @@ def main(folder: str = "solid_walls", map_file: str | Path = "") -> None:
     for axes, (title, each, pose) in zip(figure.subplots(1, 3), panels, strict=True):
         share = each.weight(on_robot, pose) / each.weight(on_robot, true)
         draw_map(axes, each.grid)
-        # All that is occupied is black here, which maps in other pictures show as a rim.
+        # Here all occupied cells are black. Other pictures show only their rim.
         draw_cells(axes, each.grid, each.grid.cells // 127, cmap=MAP_COLOURS, vmin=0, vmax=3)
         ends = on_map(on_robot, pose)
         near = each.distances(ends) < 2 * SIGMA
@@ -64,7 +64,7 @@ def main(folder: str = "solid_walls", map_file: str | Path = "") -> None:
 
 
 def racks() -> locplan.OccupancyGrid:
-    """Rows of racks that are black inside, between aisles of 1.5 m."""
+    """Return a map with rows of solid racks between aisles of 1.5 m."""
     cells = np.full((250, 330), FREE, np.uint8)
     cells[:40] = cells[-40:] = cells[:, :40] = cells[:, -40:] = OCCUPIED
     for row in range(70, 200, 60):
@@ -74,7 +74,7 @@ def racks() -> locplan.OccupancyGrid:
 
 
 def scans(grid: locplan.OccupancyGrid) -> locplan.recordings.Recording:
-    """Noisy scans along a path across the map."""
+    """Return a simulated recording along a path across the map."""
     costs = locplan.Costmap.blank(grid, robot=ROBOT)
     (query,) = locplan.planning.random_queries(costs, 1, 3, min_distance=8.0)
     path = locplan.plan(costs, query.start, query.goal).path
@@ -91,20 +91,20 @@ class Field:
         self.far = np.minimum(grid.resolution * far, 2.0)
 
     def distances(self, ends: NDArray[Any]) -> NDArray[Any]:
-        """Distances of points from the nearest black cell [m]."""
+        """Return the distances of points from the nearest occupied cell [m]."""
         rows, cols = (np.floor(each).astype(int) for each in self.grid.world_to_grid(*ends.T))
         inside = (rows >= 0) & (rows < len(self.far)) & (cols >= 0) & (cols < self.far.shape[1])
         return np.where(inside, self.far[rows * inside, cols * inside], 2.0)
 
     def weight(self, on_robot: NDArray[Any], pose: NDArray[Any]) -> float:
-        """Weight of a particle at a pose: the cubes of the beams' likelihoods, added up."""
+        """Return the weight of a particle: 1 plus the sum of the cubed beam likelihoods."""
         distance = self.distances(on_map(on_robot, pose))
         likelihood = 0.5 * np.exp(-(distance**2) / (2 * SIGMA**2)) + 0.5 / LIDAR.range
         return 1 + float((likelihood**3).sum())
 
 
 def misleading(drive: locplan.recordings.Recording, field: Field) -> tuple[int, NDArray[Any]]:
-    """The scan that some wrong pose fits best, beside its true pose, and that wrong pose."""
+    """Return the scan for which a wrong pose outweighs the true one most, and that pose."""
     random, count, found = np.random.default_rng(1), 300, []
     for n, (ends, true) in enumerate(zip(drive.ends_on_robot(), drive.poses, strict=True)):
         away, bearing = random.uniform(0.5, 2.5, count), random.uniform(-np.pi, np.pi, count)
@@ -117,7 +117,7 @@ def misleading(drive: locplan.recordings.Recording, field: Field) -> tuple[int, 
 
 
 def on_map(on_robot: NDArray[Any], pose: NDArray[Any]) -> NDArray[Any]:
-    """Ends of the returns on the map at a pose, (k, 2) [m]."""
+    """Return the end points of the beams on the map for a pose, (k, 2) [m]."""
     ends = on_robot[np.isfinite(on_robot[:, 0])]
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     return np.asarray(pose[:2] + ends @ [[cos, sin], [-sin, cos]])

@@ -52,7 +52,7 @@ def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch
     if path.stem == "explorer_picture":
         pytest.importorskip("starlette", reason="the explorer's server is not installed")
         pytest.importorskip("playwright", reason="playwright is not installed")
-        if module.browser_file() is None:
+        if module.find_browser() is None:
             pytest.skip("no chromium on this machine")
     monkeypatch.setattr(
         locplan,
