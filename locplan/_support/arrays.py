@@ -16,7 +16,7 @@ from locplan._support.reading import open_file
 def read_arrays(
     file: str | os.PathLike[str], limit: float, names: Collection[str] | None = None
 ) -> dict[str, NDArray[Any]]:
-    """Read arrays of a .npz file by name: all, or those of `names` that the file has.
+    """Read arrays of a .npz file by name: all, or the existing ones of `names`.
 
     Nothing in the file is executed. The arrays are read-only.
 
@@ -56,7 +56,7 @@ def read_arrays(
 
 
 def _read_array(data: bytes) -> NDArray[Any]:
-    """The array of a .npy file, without a copy of its values."""
+    """Return the array of a .npy file, without a copy of its values."""
     from io import BytesIO
 
     content = BytesIO(data)
@@ -81,7 +81,7 @@ def write_arrays(
     Parameters
     ----------
     file : path
-        The file; one that is there is replaced.
+        The file; an existing file is replaced.
     arrays : mapping of str to array
         The arrays.
     plain : collection of str, optional

@@ -1,4 +1,4 @@
-"""Checks of arguments: each returns the value as it is kept, or raises one clear line."""
+"""Checks of arguments: each returns the normalized value, or raises a ConfigError."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def check_integer(name: str, value: object, low: int = 1, high: float = math.inf
 
 
 def check_choice(name: str, value: object, choices: Collection[str]) -> object:
-    """Return the value, which must be one of some words."""
+    """Return the value if it is one of the choices."""
     if not (isinstance(value, str) and value in choices):
         choice_list, guess = ", ".join(choices), suggestion_text(value, choices)
         raise ConfigError(f"{name} must be one of {choice_list}, not {short_repr(value)}{guess}")
@@ -88,7 +88,7 @@ def suggestion_text(value: object, choices: Iterable[str]) -> str:
 
 
 def check_instance(name: str, value: object, kind: type, remedy: str = "") -> object:
-    """Return the value, which must be of a class; `remedy` says how to get one."""
+    """Return the value if it is an instance of a class; `remedy` explains how to get one."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         remedy_text = f"; {remedy}" if remedy else ""
@@ -148,7 +148,7 @@ def parse_poses(raw_poses: ArrayLike) -> tuple[Floats, bool]:
 
 
 def check_file_path(name: str, value: object) -> Path:
-    """The name of a file or a folder as a Path; what can be none is a LocplanError."""
+    """Return the name of a file or folder as a Path; raise a LocplanError for other values."""
     if isinstance(value, os.PathLike):
         value = os.fspath(value)
     if not isinstance(value, str) or not is_file_name(value):
@@ -157,7 +157,7 @@ def check_file_path(name: str, value: object) -> Path:
 
 
 def is_file_name(text: str) -> bool:
-    """Return whether a text can name a file: it is not empty, and the system can encode it."""
+    """True if a text can name a file: it is not empty, and the system can encode it."""
     try:
         return bool(text.strip()) and b"\0" not in os.fsencode(text)
     except UnicodeEncodeError:  # half of a surrogate pair
@@ -165,14 +165,14 @@ def is_file_name(text: str) -> bool:
 
 
 def make_printable(name: str) -> str:
-    """A name with U+FFFD for what cannot be printed, such as the bytes of one that is no UTF-8."""
+    """Return a name with U+FFFD for unprintable characters, such as invalid UTF-8."""
     return "".join(c if c.isprintable() else "\ufffd" for c in name)
 
 
 def short_repr(value: object) -> str:
-    """Short text of a value for an error message; only the class of arrays and other objects.
+    """Return a short text of a value for an error message; for objects only the class.
 
-    It takes no longer for a list of lists of lists, whose repr could fill the memory.
+    Length and depth are bounded, since the repr of nested lists could fill the memory.
     """
     plain = isinstance(value, (str, int, float, bool, type(None), list, tuple, dict))
     text = _SHORT.repr(value) if plain else f"a value of type {type(value).__name__}"
@@ -194,15 +194,15 @@ _SHORT = _ShortRepr()
 
 
 def _maximum_text(value: object) -> str:
-    """The words for a number that is too great."""
+    """Return the part of an error message on too large numbers."""
     return f" and at most {MAX_AMOUNT:g}" if is_number(value) and abs(value) > MAX_AMOUNT else ""
 
 
 def setting(default: object, *limits: Any) -> Any:
-    """A field of `Settings` that is checked as its default is: a number, a bool, or a word.
+    """Return a field of `Settings` with a check for the type of its default.
 
-    After the default come a number's least and greatest value, or all words; or one of the checks
-    above, with what it takes.
+    `limits` are a number's minimum and maximum, or all words; or one of the checks above, with its
+    arguments.
     """
     check: tuple[Any, ...] = limits
     if not (limits and callable(limits[0])):
@@ -216,7 +216,7 @@ def setting(default: object, *limits: Any) -> Any:
 
 
 def derived_setting(make: Callable[[Any], object]) -> Any:
-    """A field of `Settings` whose default follows from the other settings, by a function of them.
+    """Return a field of `Settings` with a default computed from the settings.
 
     It is None until `__post_init__` sets it.
     """
@@ -224,7 +224,7 @@ def derived_setting(make: Callable[[Any], object]) -> Any:
 
 
 class Settings:
-    """Settings in a dataclass, which are checked; its repr names only what is not by default."""
+    """Base of dataclasses of checked settings; the repr only shows changed settings."""
 
     def __post_init__(self: Any) -> None:
         for setting_field in dataclasses.fields(self):
@@ -239,7 +239,7 @@ class Settings:
 
 
 def _find_check(owner: type, name: str) -> tuple[Any, ...]:
-    """The check of a setting, which a class that gives it another default has from its base."""
+    """Return the check of a setting; a class that only changes the default inherits it."""
     declared = (vars(base).get("__dataclass_fields__", {}).get(name) for base in owner.__mro__)
     checks = (
         setting_field.metadata.get("check", ()) for setting_field in declared if setting_field
@@ -248,7 +248,7 @@ def _find_check(owner: type, name: str) -> tuple[Any, ...]:
 
 
 def describe_changed_settings(settings: Settings) -> list[str]:
-    """Name and value of each setting that has not its default."""
+    """Return name and value of each setting that differs from its default."""
     return [f"{name} {_plain(value)}" for name, value in _find_changed_settings(settings)]
 
 
@@ -268,14 +268,14 @@ def _find_changed_settings(settings: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _plain(value: object) -> str:
-    """Text of a parameter: a number, true or false, or a word without its package."""
+    """Return the text of a parameter: a number, true or false, or a word without its package."""
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value).rpartition("::")[2]
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value is a finite real number that a float can hold, and no bool."""
+    """True if a value is a finite real number that a float can hold, and not a bool."""
     try:
         return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:
@@ -283,7 +283,7 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def parse_finite_numbers(values: Any) -> tuple[float, ...]:
-    """Finite numbers as floats, or an empty tuple if any value is something else."""
+    """Return finite numbers as floats, or an empty tuple if any value is not a finite number."""
     import numpy as np
 
     try:
@@ -294,7 +294,7 @@ def parse_finite_numbers(values: Any) -> tuple[float, ...]:
 
 
 def is_integer(value: object) -> TypeGuard[int]:
-    """Return whether a value is a whole number, and no bool."""
+    """True if a value is a whole number, and not a bool."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
@@ -305,14 +305,14 @@ def set_frozen_fields(owner: object, **values: object) -> None:
 
 
 def count_usable_cores() -> int:
-    """Number of cores that this process may run on."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def get_usable_memory() -> int:
-    """Memory that a computation may take [bytes]."""
+    """Return the memory that a computation may take [bytes]."""
     try:
         total_memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # Windows
@@ -322,18 +322,18 @@ def get_usable_memory() -> int:
 
 
 def check_threads(threads: int | None) -> int:
-    """Return a number of threads, that of the cores for None, within what the cores bear."""
+    """Return a checked number of threads; by default the number of cores."""
     return _check_resource_limit("threads", threads, 32, 0)
 
 
 def check_workers(workers: int | None) -> int:
-    """Return a number of worker processes, that of the cores for None, within what there is."""
+    """Return a checked number of worker processes; by default the number of cores."""
     # Memory that a worker takes at least, with its libraries [bytes].
     return _check_resource_limit("workers", workers, 4, 300_000_000)
 
 
 def _check_resource_limit(name: str, value: int | None, per_core: int, size: int) -> int:
-    """A number of things, so many for each core at most, and each of a size [bytes]."""
+    """Return a number limited by the cores, and by the memory for items of a size [bytes]."""
     cores = count_usable_cores()
     if value is None:
         return cores

@@ -80,7 +80,7 @@ PREVIEW_DPI = 110
 
 
 def outline(width: float = 4) -> list[Any]:
-    """White outline of a line over a map.
+    """Return the effects of a white outline around a line or a text.
 
     Parameters
     ----------
@@ -157,12 +157,12 @@ class Picture(Figure):
             self.set_layout_engine(engine)
 
     def key(self, handles: Sequence[Artist], ncols: int = 1, at: str = "lower center") -> None:
-        """Draw a legend beside all Axes.
+        """Draw a legend outside all Axes.
 
         Parameters
         ----------
         handles : sequence of matplotlib.artist.Artist
-            What it explains, with labels.
+            The explained artists, with labels.
         ncols : int, default 1
             Number of its columns.
         at : str, default "lower center"
@@ -172,7 +172,7 @@ class Picture(Figure):
         self.legend(handles=handles, loc=place, ncols=ncols, frameon=False)
 
     def title(self, *lines: str) -> None:
-        """Draw a title, whose lines are broken where the figure is narrower.
+        """Draw a title, with lines wrapped to the figure's width.
 
         Parameters
         ----------
@@ -196,7 +196,7 @@ class Picture(Figure):
 
 
 def break_title(text: str, width: float) -> list[str]:
-    """The lines of a text in a figure, about as long as each other: none has a word left over.
+    """Wrap a text to lines of about equal length.
 
     Parameters
     ----------
@@ -217,21 +217,21 @@ def break_title(text: str, width: float) -> list[str]:
 
 @contextmanager
 def _ignore_missing_glyphs() -> Iterator[None]:
-    """Keep matplotlib from warning of characters that the font has not."""
+    """Suppress matplotlib's warnings of characters that the font lacks."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         yield
 
 
 def _find_tick_texts(axis: Any) -> list[Text]:
-    """The texts of an axis that matplotlib makes."""
+    """Return the texts of an axis that matplotlib creates."""
     ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
     labels = [label for tick in ticks for label in (tick.label1, tick.label2)]
     return [*labels, axis.get_offset_text()]
 
 
 class RoundNumberLocator(Locator):
-    """Ticks of a logarithmic axis at 1, 2, 5, 10 and so on, or evenly where it is short."""
+    """Ticks of a logarithmic axis at 1, 2, 5, 10 and so on; evenly spaced on short axes."""
 
     def __init__(self, max_ticks: int = MAX_TICKS) -> None:
         self.max_ticks = max_ticks
@@ -247,7 +247,7 @@ class RoundNumberLocator(Locator):
 
 
 def choose_round_ticks(low: float, high: float, max_ticks: int = MAX_TICKS) -> Floats:
-    """Round numbers from `low` to `high` for a logarithmic scale, at most `max_ticks` of them."""
+    """Return at most `max_ticks` round numbers from `low` to `high` for a logarithmic scale."""
     if not (0 < low < high and math.isfinite(high)):
         return np.array([low])
     powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
@@ -307,7 +307,7 @@ def make_logarithmic(axis: Any, max_ticks: int = MAX_TICKS) -> None:
 def draw_field_bar(
     figure: Figure, image: AxesImage, axes: Any, label: str, **options: Any
 ) -> Colorbar:
-    """The colour bar of a field; deviations have plain numbers at 1, 2 and 5 of each decade."""
+    """Draw the colour bar of a field, with ticks at 1, 2 and 5 of each decade."""
     low, high = image.get_clim()
     values = image.get_array()
     has_larger_values = values is not None and high is not None and values.max() > 1.001 * high
@@ -323,7 +323,7 @@ def draw_field_bar(
 
 
 def _format_power_of_ten(value: float, _: object) -> str:
-    """10 to a power in plain characters; matplotlib's own formulas take 0.3 s to begin with."""
+    """Return a power of ten in plain characters, since matplotlib's formulas take 0.3 s."""
     superscripts = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
     return f"10{str(round(math.log10(value))).translate(superscripts)}"
 
@@ -336,7 +336,7 @@ def draw_number(
     color: str,
     **style: Any,
 ) -> None:
-    """Draw a number in a circle beside a place, joined to it by a line.
+    """Draw a number in a circle next to a position, connected by a line.
 
     Parameters
     ----------
@@ -347,11 +347,11 @@ def draw_number(
     at : (x, y)
         World position of the place [m].
     offset : (x, y)
-        How far the number stands from it [points].
+        Distance of the number from it [points].
     color : str
         Colour of the circle and the line.
     **style
-        Changes of the text's style, as matplotlib has them.
+        Text properties of matplotlib.
     """
     centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 5} | style
     axes.annotate(

@@ -19,7 +19,7 @@ _INPUTS: ContextVar[set[Path] | None] = ContextVar("_INPUTS", default=None)
 
 @contextmanager
 def protect_inputs() -> Iterator[None]:
-    """Refuse in this block to write over the files that `keep_input` names in it."""
+    """Refuse to overwrite the files of `protect_input` in this block."""
     before = _INPUTS.set(set())
     try:
         yield
@@ -28,7 +28,7 @@ def protect_inputs() -> Iterator[None]:
 
 
 def protect_input(path: Path) -> None:
-    """Tell that a file is an input; outside of `inputs_are_kept` that has no effect."""
+    """Mark a file as an input; without effect outside `protect_inputs`."""
     inputs = _INPUTS.get()
     if inputs is not None:
         inputs.add(_real(path))
@@ -97,6 +97,7 @@ def _check_place(path: Path, *suffixes: str) -> None:
 
 @contextmanager
 def shorten_errors(path: Path) -> Iterator[None]:
+    """Translate an OSError of writing to a LocplanError of one line."""
     try:
         yield
     except OSError as error:

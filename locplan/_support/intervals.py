@@ -33,7 +33,7 @@ def _make_point_estimate(value: float) -> Interval:
 
 
 def compute_wilson_interval(share: float, trials: int) -> Interval:
-    """Wilson's 95 % interval of a share."""
+    """Return a share with Wilson's 95 % interval."""
     z = 1.959964
     middle = (share + z * z / (2 * trials)) / (1 + z * z / trials)
     half = z * np.sqrt(share * (1 - share) / trials + (z / (2 * trials)) ** 2)
@@ -42,7 +42,7 @@ def compute_wilson_interval(share: float, trials: int) -> Interval:
 
 
 def estimate_mean(values: Floats) -> Interval:
-    """Student's 95 % interval of the mean of independent values; NaN if they are too few."""
+    """Return the mean of independent values with Student's 95 % interval; NaN for too few."""
     from scipy.special import stdtrit
 
     values = np.asarray(values, float)
@@ -54,12 +54,12 @@ def estimate_mean(values: Floats) -> Interval:
 
 
 def estimate_geometric_mean(values: Floats) -> Interval:
-    """Student's 95 % interval of the geometric mean of positive values, from their logarithms."""
+    """Return the geometric mean of positive values with Student's 95 % interval."""
     return Interval(*np.exp(estimate_mean(np.log(values))).tolist())
 
 
 def estimate_median(values: Floats) -> Interval:
-    """95 % interval of the median of all values (trials, k), whose rows are independent trials.
+    """Return the median of values (trials, k) with a 95 % interval; rows are independent.
 
     It is Woodruff's: Student's interval of the share of values that are at most the median, read
     back through the quantiles of the values.
@@ -76,7 +76,7 @@ def estimate_median(values: Floats) -> Interval:
 
 
 def estimate_rms(squares: Floats) -> Interval:
-    """95 % interval of a root mean square, of the mean squares of the trials.
+    """Return the root of the mean of the trials' mean squares, with a 95 % interval.
 
     It is Student's interval of the jackknife's pseudo-values of the logarithm.
     """
@@ -93,7 +93,7 @@ def estimate_rms(squares: Floats) -> Interval:
 
 
 def interval_from_resamples(value: float, samples: Floats) -> Interval:
-    """A value with the 2.5 and 97.5 % quantiles of its resamples; NaN where none is finite."""
+    """Return a value with the 2.5 and 97.5 % quantiles of its resamples; NaN without any."""
     finite_samples = samples[np.isfinite(samples)]
     if not len(finite_samples):
         return _make_point_estimate(value)
@@ -120,7 +120,7 @@ def format_decimal(value: float, digits: int = 2) -> str:
 
 
 def choose_digits(length: float) -> int:
-    """Digits behind the point of an error [m]: millimetres below 0.1 m, or else centimetres."""
+    """Return the decimals of an error [m]: millimetres below 0.1 m, otherwise centimetres."""
     return 3 if length < 0.0995 else 2
 
 
@@ -148,12 +148,12 @@ RESAMPLES = 1000
 
 
 def assign_blocks(poses: Floats, length: float = 10.0) -> Ints:
-    """The block of the way, of some length [m], that each of n poses belongs to, (n,)."""
+    """Return the block of the path, of some length [m], of each of n poses, (n,)."""
     return np.asarray((compute_travel_distances(poses) / length).astype(np.int64))
 
 
 def draw_blocks(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
-    """Number of times that the block of each of n values is drawn, (resamples, n).
+    """Return the number of times that each value's block is drawn, (resamples, n).
 
     There are no resamples of fewer than five blocks.
     """
@@ -164,9 +164,9 @@ def draw_blocks(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
 
 
 def estimate_block_mean(values: Floats, blocks: Ints, counted: Floats | None = None) -> Interval:
-    """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none.
+    """Return the mean of values (n,) with a 95 % interval over blocks; NaN for too few blocks.
 
-    Of the values those count that are 1 in `counted` (n,), not 0; by default all do.
+    Only values with 1 in `counted` (n,) count; by default all.
     """
     counted = np.ones(len(values)) if counted is None else counted
     if not counted.any():
@@ -180,7 +180,7 @@ def estimate_block_mean(values: Floats, blocks: Ints, counted: Floats | None = N
 def bootstrap_statistics(
     statistic: Callable[[Floats], Floats], blocks: Ints, resamples: int
 ) -> list[Interval]:
-    """Some statistics (k,) of weighted values, with 95 % intervals over the values' blocks.
+    """Return statistics (k,) of weighted values with 95 % intervals over blocks.
 
     `statistic` is called with weights (n,): 1 for all, and then how often each is drawn.
     """
@@ -231,7 +231,7 @@ class BootstrapResamples:
 
 
 def rank(values: Sequence[Floats], errors: Sequence[Floats], resamples: BootstrapResamples) -> Rank:
-    """Statistics of how well values rank errors.
+    """Compute statistics of how well values rank errors.
 
     Parameters
     ----------
@@ -270,12 +270,12 @@ def rank(values: Sequence[Floats], errors: Sequence[Floats], resamples: Bootstra
 
 
 def spearman(values: Floats, errors: Floats) -> float:
-    """Spearman's rank correlation, 0 if either is constant."""
+    """Return Spearman's rank correlation, 0 if either is constant."""
     return float(_compute_spearmans(values, errors, np.ones((1, len(values))))[0])
 
 
 def auc(values: Floats, errors: Floats) -> float:
-    """Area under the ROC curve of finding the worst fifth, by Mann and Whitney; ties count half.
+    """Return the area under the ROC curve of finding the worst fifth; ties count half.
 
     Examples
     --------
@@ -287,7 +287,7 @@ def auc(values: Floats, errors: Floats) -> float:
 
 
 def _compute_ranks(values: Floats, weights: Floats) -> Floats:
-    """Mean ranks, (m, n), of values that each occur as often as `weights` (m, n) say."""
+    """Return the mean ranks, (m, n), of values repeated by `weights` (m, n)."""
     _, group = np.unique(values, return_inverse=True)
     order = np.argsort(group, kind="stable")
     starts = np.flatnonzero(np.diff(group[order], prepend=-1))
@@ -321,5 +321,5 @@ def _count_draws(random: np.random.Generator, count: int, resamples: int = RESAM
 
 
 def make_generator(seed: int, *stream: int) -> np.random.Generator:
-    """Random numbers that are independent of those of any other stream."""
+    """Return the random generator of a stream, independent of all further streams."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream))

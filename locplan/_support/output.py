@@ -2,7 +2,7 @@
 
 When everything is written, a journal in this folder lists the moves to come; then the files move.
 A process that is killed leaves its folder behind. The next process that writes to the same place
-finishes the moves of a journal, or removes a folder without one: its lock says that it is free.
+finishes the moves of a journal, or removes an unlocked folder without a journal.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _STAGED = re.compile(rf"[\\/]{re.escape(PREFIX)}(unlocked-)?[a-z0-9_]{{8}}[\\/]{
 class Output:
     """A file or a folder of results, which need not exist.
 
-    Results replace earlier ones of their kind that nobody has changed since. Other files in the
-    folder, and other results, are refused.
+    Results replace unchanged earlier results of their kind. A folder with further files or results
+    is refused.
     """
 
     target: Path
@@ -168,7 +168,7 @@ class Output:
 
 @dataclass(frozen=True)
 class ResultFiles:
-    """A kind of results, which are written into a folder together."""
+    """Names and purposes of the files of one kind of results."""
 
     kind: str
     """The name of the kind, such as choice."""
@@ -221,7 +221,10 @@ def replace_file(target: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
-    """Yield a new folder in `parent`, or where the system has such, that is removed at the end."""
+    """Yield a new folder in `parent`, or in the system's folder for temporary files.
+
+    It is removed at the end.
+    """
     home = os.path.abspath(parent or gettempdir())
     clear_abandoned(home)
     folder, lock = _make_locked_folder(home)

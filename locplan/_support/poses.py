@@ -57,7 +57,7 @@ def compute_motions(start_poses: Floats, end_poses: Floats) -> Floats:
 
 
 def apply_motions(poses: Floats, ways: Floats) -> Floats:
-    """The poses to which ways lead from others, (..., 3) [m, m, rad]."""
+    """Return the poses after motions from start poses, (..., 3) [m, m, rad]."""
     ahead, left, turn = np.moveaxis(ways, -1, 0)
     cos, sin = np.cos(poses[..., 2]), np.sin(poses[..., 2])
     x = poses[..., 0] + cos * ahead - sin * left
@@ -110,7 +110,7 @@ class Track:
         self.begin, self.end = math.inf, -math.inf
 
     def add(self, time: float, pose: Transform) -> None:
-        """Take a sample; one that is not finite, or has no rotation, is counted and left out."""
+        """Add a sample; invalid samples are counted and skipped."""
         if not is_transform(pose):
             self.left_out += 1
             return
@@ -167,7 +167,7 @@ def interpolate_transforms(times: Floats, before: Floats, after: Floats) -> Floa
 
 
 def _interpolate_rotations(start: Floats, end: Floats, share: Floats) -> Floats:
-    """Unit quaternions at a share of the turn from one to the other, (n, 4)."""
+    """Interpolate unit quaternions by a share of the turn, (n, 4)."""
     start, end = (
         quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
         for quaternions in (start, end)
@@ -189,12 +189,12 @@ class FrameTree:
         self._left_out: set[Edge] = set()
 
     def add_static(self, parent: str, child: str, pose: Transform) -> None:
-        """Take a transform that holds at all times."""
+        """Add a transform that holds at all times."""
         if is_transform(pose):
             self._edges[frame_name(parent), frame_name(child)] = pose
 
     def add(self, time: float, parent: str, child: str, pose: Transform) -> None:
-        """Take a transform at a time."""
+        """Add a transform at a time."""
         edge = frame_name(parent), frame_name(child)
         if edge in self._left_out:
             return
@@ -205,7 +205,7 @@ class FrameTree:
             track.add(time, pose)
 
     def drop_unrelated_tracks(self, target: str, sources: Iterable[str]) -> None:
-        """Leave out what moves on no way from one frame to others, as a robot's wheels do."""
+        """Drop moving transforms that do not connect the frames, such as those of wheels."""
         connecting = {
             edge for transform in sources for edge, _ in self._chain(target, transform) or ()
         }
@@ -228,7 +228,7 @@ class FrameTree:
         return min(begins, default=math.inf), max(ends, default=-math.inf)
 
     def describe_groups(self) -> str:
-        """The frames that are connected, each group by itself, for an error message."""
+        """Return the groups of connected frames as text for an error message."""
         groups: list[list[str]] = []
         for frame in self.frames:
             group = next(
@@ -242,13 +242,13 @@ class FrameTree:
         return "; ".join(" - ".join(group) for group in groups) or "none"
 
     def has_chain(self, target: str, source: str) -> bool:
-        """Return whether a chain of transforms leads from one frame to the other."""
+        """True if a chain of transforms connects two frames."""
         return self._chain(target, source) is not None
 
     def pose(self, target: str, source: str) -> Floats | None:
-        """Pose of the source frame in the target frame at all times, (n, 7); None if unconnected.
+        """Return the pose of the source frame in the target frame at all times, (n, 7), or None.
 
-        NaN at times at which a transform on the way is not known.
+        NaN at times without a transform; None if the frames are not connected.
         """
         chain = self._chain(target, source)
         if chain is None:
@@ -263,7 +263,7 @@ class FrameTree:
         return source_poses
 
     def _chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:
-        """Edges from target to source, each with whether it is taken backwards."""
+        """Return the edges from target to source; True with each that is taken backwards."""
         if target == source:
             return []
         came: dict[str, tuple[str, Edge, bool]] = {}
@@ -288,24 +288,24 @@ class FrameTree:
 
 
 def is_transform(pose: Transform) -> bool:
-    """Return whether the numbers are a place within all maps, and a rotation."""
+    """True if the numbers are a valid position and rotation."""
     near = all(abs(value) <= FARTHEST for value in pose)  # False for NaN
     return near and 0.5 < math.hypot(*pose[3:]) < 2.0
 
 
 def frame_name(name: object) -> str:
-    """A frame's name without the leading slash that older robots give it."""
+    """Return a frame's name without the leading slash of older robots."""
     return str(name).lstrip("/")
 
 
 def compose_transforms(first: Floats, second: Floats) -> Floats:
-    """The transform `first` followed by `second`, (n, 7)."""
+    """Return the transform `first` followed by `second`, (n, 7)."""
     place = first[:, :3] + rotate_vectors(first[:, 3:], second[:, :3])
     return np.concatenate([place, _multiply_quaternions(first[:, 3:], second[:, 3:])], axis=1)
 
 
 def invert_transforms(pose: Floats) -> Floats:
-    """The transform the other way, (n, 7)."""
+    """Return the inverse transform, (n, 7)."""
     back = pose[:, 3:] * (-1.0, -1.0, -1.0, 1.0) / (pose[:, 3:] ** 2).sum(1, keepdims=True)
     return np.concatenate([-rotate_vectors(back, pose[:, :3]), back], axis=1)
 

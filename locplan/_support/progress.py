@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 COMPILING = "compiling (only once)"
-"""What is said while kernels are compiled for numba's cache."""
+"""Text while kernels are compiled for numba's cache."""
 ProgressCallback = Callable[[int, int], None]
 """Function that is called with (done, total) as work proceeds."""
 
 
 def is_compiling() -> bool:
-    """Whether another thread compiles a kernel just now; False where that is not known."""
+    """True if another thread is compiling a kernel."""
     try:
         lock = sys.modules["numba.core.compiler_lock"].global_compiler_lock._lock
     except (KeyError, AttributeError):  # nothing has imported numba yet
@@ -38,9 +38,8 @@ def show_progress_bar(
 ) -> Iterator[ProgressCallback]:
     """Show a bar on standard error with the time left and, if it has a unit, the rate.
 
-    It appears once the work has taken a second, also before anything is done, and vanishes when
-    the work ends. Before anything is done it says `first`, or that kernels are
-    being compiled. There is no bar if standard error is no terminal.
+    It appears after one second and vanishes when the work ends. Before the first step it shows
+    `first`, or that kernels are being compiled. There is no bar if standard error is no terminal.
     """
     bar = _ProgressBar(label, unit, first)
     with _show_after_delay(bar.show):
@@ -49,7 +48,7 @@ def show_progress_bar(
 
 @contextmanager
 def show_later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]:
-    """A `show_progress_bar` that begins with the first step: others may be shown before."""
+    """Show a progress bar from the first step on, so that an earlier display can end."""
     with ExitStack() as bar_stack:
         bars: list[ProgressCallback] = []
 
@@ -63,9 +62,9 @@ def show_later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]
 
 @contextmanager
 def show_spinner(label: str) -> Iterator[None]:
-    """Show on standard error what is done, and for how long, until it is done.
+    """Show a label and the elapsed time on standard error during the work.
 
-    It appears once the work has taken a second, and vanishes when the work ends. It must not be
+    It appears after one second and vanishes when the work ends. It must not be
     shown while a `show_progress_bar` is. Nothing is shown if standard error is no terminal.
     """
 
@@ -100,7 +99,7 @@ def _show_after_delay(show: Callable[[], Progress | None]) -> Iterator[None]:
 
 
 def _start_display(label: str, *columns: ProgressColumn | str, **task: Any) -> Progress | None:
-    """A display of rich on standard error, which has begun; None where that is no terminal."""
+    """Start a display of rich on standard error; None without a terminal."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -114,9 +113,9 @@ def _start_display(label: str, *columns: ProgressColumn | str, **task: Any) -> P
 
 
 class _ProgressBar:
-    """A bar of rich, which is only imported once there is something to show.
+    """A progress bar of rich, imported only when there is something to show.
 
-    As text it is what stands beside it: the rate, or what is done before there is one.
+    Its text, next to the bar, is the rate, or the current activity before the first step.
     """
 
     def __init__(self, label: str, unit: str, first: str) -> None:
@@ -143,7 +142,7 @@ class _ProgressBar:
         return self._bar
 
     def update(self, n_done: int, total: int) -> None:
-        """Take note of what is done."""
+        """Update the number of finished steps."""
         with self._lock:
             now, fresh = time.monotonic(), self._began is None and n_done > 0
             self._n_done, self._total = n_done, total
@@ -170,7 +169,7 @@ class _ProgressBar:
 def split_progress(
     progress: ProgressCallback | None, sizes: Sequence[int]
 ) -> list[ProgressCallback]:
-    """Callbacks for the parts of one task, which follow each other and have `sizes` steps."""
+    """Return callbacks for consecutive parts of one task, with `sizes` steps."""
 
     def part(before: int) -> ProgressCallback:
         def update(n_done: int, _: int) -> None:
@@ -183,7 +182,7 @@ def split_progress(
 
 
 def scale_progress(progress: ProgressCallback | None, steps: int) -> ProgressCallback:
-    """Callback for a part of some work, whatever it counts, that is reported as so many steps."""
+    """Return a callback that scales any count of a part of the work to a number of steps."""
 
     def update(n_done: int, total: int) -> None:
         if progress:
@@ -193,7 +192,7 @@ def scale_progress(progress: ProgressCallback | None, steps: int) -> ProgressCal
 
 
 def chain_progress(progress: ProgressCallback, runs: int) -> ProgressCallback:
-    """Callback for several runs, one after the other, that reports them as one."""
+    """Return a callback that reports several consecutive runs as one."""
     before = last = 0
 
     def update(n_done: int, total: int) -> None:

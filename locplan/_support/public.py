@@ -1,4 +1,4 @@
-"""What is imported when it is first used: public names with their help, drawings, extras."""
+"""Lazy imports: public names, docstrings of fields, figures, templates, and extras."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 def attach(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """`__getattr__`, `__dir__` and `__all__` of a package whose names stand in its stub."""
+    """Return `__getattr__`, `__dir__` and `__all__` of a package with a stub file."""
     get, names, public = lazy_loader.attach_stub(package, file)
     return get, names, public
 
 
 def read_field_docs(kind: type) -> dict[str, str]:
-    """The docstring of each field in one line, those of base classes included.
+    """Return the docstring of each field in one line, including inherited fields.
 
-    A class that was not written in a file has none.
+    A class without a source file has none.
     """
     docs = dict.fromkeys(_read_field_types(kind), "")
     for base in reversed(kind.__mro__[:-1]):
@@ -50,7 +50,7 @@ def read_field_docs(kind: type) -> dict[str, str]:
 
 
 def _read_field_types(kind: type) -> dict[str, str]:
-    """The fields that a class is made with, and their types as they are written."""
+    """Return the init fields of a class with their types as written."""
     if dataclasses.is_dataclass(kind):
         return {
             dataclass_field.name: str(dataclass_field.type)
@@ -63,14 +63,14 @@ def _read_field_types(kind: type) -> dict[str, str]:
 
 
 class DrawableResult:
-    """An object with a figure, which is its display in a notebook."""
+    """Object with a figure, shown as its display in a notebook."""
 
     if TYPE_CHECKING:
         figure: Callable[..., Any]
 
     @property
     def is_drawable(self) -> bool:
-        """Whether there is anything to draw."""
+        """True if the figure has content."""
         return True
 
     def _repr_png_(self) -> bytes | None:
@@ -78,7 +78,7 @@ class DrawableResult:
 
 
 def render_png(figure: object, dpi: int = 80) -> bytes:
-    """PNG image of a figure of matplotlib."""
+    """Return the PNG image of a figure of matplotlib."""
     written = io.BytesIO()
     save = getattr(figure, "savefig")  # noqa: B009 - matplotlib is not imported for its type
     save(written, format="png", dpi=dpi, bbox_inches="tight", pad_inches=0.1)
@@ -86,7 +86,7 @@ def render_png(figure: object, dpi: int = 80) -> bytes:
 
 
 def load_templates(package: str, **style: Any) -> Environment:
-    """The Jinja templates in a package's folder `templates`; they refuse names without a value."""
+    """Return the Jinja templates in a package's folder `templates`, with strict variables."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     loader = PackageLoader(package)

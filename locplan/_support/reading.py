@@ -1,4 +1,4 @@
-"""The one door to files that are read: plain ones of a size known before, YAML, and stamps."""
+"""All reading of files: size-limited plain files, YAML, JSON, and version stamps."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def open_file(file: str | os.PathLike[str], limit: float = float("inf")) -> Buff
 
 
 def read_bytes(file: str | os.PathLike[str], limit: int) -> bytes:
-    """Content of a plain file of up to `limit` bytes; an OSError or a ValueError if it is none."""
+    """Read a plain file of up to `limit` bytes; raise an OSError or a ValueError otherwise."""
     with open_file(file, limit) as content:
         return content.read(os.fstat(content.fileno()).st_size)  # room is made for all of it
 
 
 @contextmanager
 def _translate_errors(prefix: str = "") -> Iterator[None]:
-    """Say in one line what fails while a text is read; `prefix` begins the line."""
+    """Translate errors of reading a text to one line that starts with `prefix`."""
     try:
         yield
     except UnicodeDecodeError:
@@ -80,7 +80,7 @@ def read_text(file: Path, limit: int = MAX_BYTES) -> str:
 
 
 def read_numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, str]]:
-    """Lines of a log with their numbers, one at a time; one that ends in .gz is unpacked meanwhile.
+    """Yield the lines of a log with their numbers; .gz files are unpacked on the way.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def read_numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[in
 
 
 def parse_json(text: str, object_hook: Callable[[dict[str, Any]], Any] | None = None) -> Any:
-    """Value of a text in JSON; a ValueError if it is none, or too deep or long to be read.
+    """Parse a text in JSON; raise a ValueError if it is invalid or too deep.
 
     What `object_hook` makes of each dictionary stands in its place.
     """
@@ -123,7 +123,7 @@ MAX_DEPTH = 100
 
 
 def compose_yaml(file: Path, content: bytes, remedy: str) -> Any:
-    """Nodes of a file's YAML or None, of which no tag is obeyed and no alias expanded."""
+    """Return the nodes of a file's YAML or None, without resolving tags or aliases."""
     import yaml
 
     if _depth(content) > MAX_DEPTH:
@@ -137,7 +137,7 @@ def compose_yaml(file: Path, content: bytes, remedy: str) -> Any:
 
 
 def parse_yaml(file: Path, content: bytes, remedy: str) -> Any:
-    """Values of a file's YAML of locplan's own; None if it holds none, or others."""
+    """Return the values of a YAML file written by locplan; None for invalid values."""
     import yaml
 
     node = compose_yaml(file, content, remedy)
@@ -149,7 +149,7 @@ def parse_yaml(file: Path, content: bytes, remedy: str) -> Any:
 
 
 def dump_yaml(content: Mapping[str, Any], **style: Any) -> str:
-    """Text of values in their order, as YAML."""
+    """Return values as YAML, in their order."""
     import yaml
 
     style = {"sort_keys": False, "allow_unicode": True, "width": 100, **style}
@@ -158,7 +158,7 @@ def dump_yaml(content: Mapping[str, Any], **style: Any) -> str:
 
 
 def parse_scalar(node: Any) -> Any:
-    """Value of a scalar among YAML's nodes; its text where the value is none of its tag."""
+    """Return the value of a scalar node of YAML; its text if it does not fit its tag."""
     import yaml
 
     try:
@@ -168,14 +168,14 @@ def parse_scalar(node: Any) -> Any:
 
 
 def _depth(content: bytes) -> int:
-    """Depth of the brackets of a text, those in comments and quotes included."""
+    """Return the depth of the brackets of a text, including comments and quotes."""
     steps = (1 if bracket in b"[{" else -1 for bracket in re.findall(rb"[\[\]{}]", content))
     depths = itertools.accumulate(steps, lambda depth, step: max(0, depth + step), initial=0)
     return max(depths)
 
 
 def read_content(file: Path, limit: int, remedy: str) -> bytes:
-    """Read a plain file of up to `limit` bytes; what is none is a MapError with the remedy."""
+    """Read a plain file of up to `limit` bytes; raise a MapError with the remedy otherwise."""
     try:
         content = read_bytes(file, limit)
     except FileNotFoundError:
@@ -190,7 +190,7 @@ def read_content(file: Path, limit: int, remedy: str) -> bytes:
 
 
 def make_map_error(file: Path, fault: str, remedy: str) -> MapError:
-    """Make the error of a file: the end of its name, what is wrong, and the remedy."""
+    """Return the error of a file: the end of its name, the fault, and the remedy."""
     return MapError(f"{str(file)[-200:]}: {fault}; {remedy}")
 
 
@@ -201,7 +201,7 @@ def extract_reason(error: Exception) -> str:
 
 
 def scalar_text(value: float | str | bool) -> str:
-    """Text of a value that YAML and ROS read as the same value of the same type."""
+    """Return the text of a value that YAML and ROS read as the same value and type."""
     if isinstance(value, bool):
         return "true" if value else "false"
     text = str(value) if isinstance(value, str) else repr(value)
@@ -211,7 +211,7 @@ def scalar_text(value: float | str | bool) -> str:
 
 
 def flow_text(value: Any) -> str:
-    """Text of a value, a list or a mapping in a line, which YAML and ROS read as the same.
+    """Return a value, list or mapping as one line that YAML and ROS read equally.
 
     Names of plugins are quoted: libyaml below 0.2.2 fails on an unquoted :: between braces.
     """
@@ -229,7 +229,7 @@ STAMP = ("locplan", "kind", "version")
 
 
 def stamp(kind: str, version: int) -> dict[str, Any]:
-    """First entries of a file: who wrote it, and what it holds."""
+    """Return the first entries of a file: program, kind, and version."""
     return dict(zip(STAMP, (__version__, kind, version), strict=True))
 
 
@@ -242,10 +242,10 @@ def check_stamp(file: object, content: object, kind: str, version: int) -> None:
         or not isinstance(file_version, int)
         or not 1 <= file_version < 10**6
     ):
-        raise LocplanError(f"{file}: is damaged, or no {kind} that locplan has saved; save it anew")
+        raise LocplanError(f"{file}: is damaged, or not a {kind} saved by locplan. Save it again")
     if file_kind != kind:
         raise LocplanError(
-            f"{file}: holds a {short_repr(file_kind)[1:-1]}, not a {kind}; name another file"
+            f"{file}: holds a {short_repr(file_kind)[1:-1]}, not a {kind}. Name another file"
         )
     if file_version > version:
         raise LocplanError(

@@ -1,4 +1,4 @@
-"""Results: tables whose columns are declared once, in text and in files, and what is saved."""
+"""Results and their tables, with columns declared once for text and files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ IN_FILES: dict[str, Any] = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches
 
 @dataclass(frozen=True)
 class Column:
-    """What one column of a table is called, in which unit, and how people see it."""
+    """A column of a table: name and unit in files, and format for people."""
 
     name: str
     """Name in files, which stands for the same quantity in all of them."""
@@ -61,11 +61,11 @@ class Column:
         return f"{self.title} [{unit}]" if unit not in ("", "%") else str(self.title)
 
     def extract_value(self, record: object) -> Any:
-        """The value of a record."""
+        """Return the value of a record."""
         return self.value(record) if self.value else getattr(record, self.name)
 
     def text(self, value: Any) -> str:
-        """A value for people; a dash where it is not known."""
+        """Return a value as text for people; a dash if it is unknown."""
         if isinstance(value, str):
             return value
         middle, *ends = value if self.interval else (value,)
@@ -103,12 +103,12 @@ class Table:
     def from_records(
         cls, columns: Iterable[Column], records: Iterable[object], *, number: str | None = None
     ) -> Table:
-        """The table of some records.
+        """Return the table of some records.
 
         Parameters
         ----------
         columns : iterable of Column
-            What is shown of each.
+            The columns.
         records : iterable
             The records, a row each.
         number : str, optional
@@ -135,7 +135,7 @@ class Table:
         return tuple(name for column in self.columns for name in column.names)
 
     def text(self, first: int | None = None, width: int | None = None) -> str:
-        """The table for people.
+        """Return the table as text for people.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class Table:
         return tables.format_table(heads, rows, width=width)
 
     def format_transposed(self) -> list[list[str]]:
-        """Heading and values of each column for people, a row each: few records side by side."""
+        """Return heading and values of each column as a row, for few records side by side."""
         titled_columns = [
             (n, column) for n, column in enumerate(self.columns) if column.title is not None
         ]
@@ -160,13 +160,13 @@ class Table:
         ]
 
     def records(self) -> list[dict[str, Any]]:
-        """The rows by the names of their columns, fit for JSON; null is what is not known."""
+        """Return the rows as plain data for JSON; unknown values are null."""
         return [
             tables.nan_to_none(dict(zip(self.names, row, strict=True))) for row in self._values()
         ]
 
     def write_csv(self, file: Path) -> None:
-        """Write the rows, as a whole or not at all; what is not known is empty.
+        """Write the rows as CSV, whole or not at all; unknown values are empty.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class Table:
         Parameters
         ----------
         file : path
-            The file, whose name is that of the collection.
+            The file; its name becomes the name of the collection.
         outlines : iterable of (n, 2) array, or of tuple of such arrays
             Corners of a polygon for each row [m], the last one not the first one again; of a tuple
             the further ones are its holes.
@@ -197,7 +197,7 @@ class Table:
         tables.write_geojson(file, tables.make_collection(file.stem, features))
 
     def to_frame(self) -> pandas.DataFrame:
-        """A data frame of pandas; a LocplanError if it is not installed."""
+        """Return a data frame of pandas; raise a LocplanError if it is not installed."""
         require_extra("pandas", "tables", "a data frame")
         import pandas
 
@@ -225,7 +225,7 @@ def extract_values(columns: Iterable[Column], record: object) -> dict[str, Any]:
 
 
 class Result(DrawableResult):
-    """What a command finds: numbers, text for people, a figure, and a folder with all of them."""
+    """Result of a command: numbers, text, a figure, and a folder with all of them."""
 
     files: ClassVar[ResultFiles]
     """The files of a folder of results."""
@@ -238,12 +238,12 @@ class Result(DrawableResult):
         Parameters
         ----------
         *related, **details
-            What belongs to it, such as the drives that verify it.
+            Related results, such as the drives that verify it.
         """
         return to_plain_data(self)
 
     def table(self) -> Table:
-        """What was found, a row each."""
+        """Return the table of the result."""
         raise NotImplementedError
 
     def save(self, folder: str | os.PathLike[str], *related: Any, force: bool = False) -> None:
@@ -254,9 +254,10 @@ class Result(DrawableResult):
         folder : path
             Folder of the results, which need not exist.
         *related
-            What `summary` takes.
+            Arguments of `summary`.
         force : bool, default False
-            True overwrites files of the same names and removes other results; other files stay.
+            True overwrites files of the same names and removes results of another command. It
+            keeps the user's files.
 
         Raises
         ------
@@ -269,14 +270,14 @@ class Result(DrawableResult):
             self.write_files(new, *related)
 
     def write_files(self, folder: Path, *related: Any) -> None:
-        """Write what `save` writes into a folder that is there.
+        """Write the files of `save` into an existing folder.
 
         Parameters
         ----------
         folder : path
             The folder.
         *related
-            What `summary` takes.
+            Arguments of `summary`.
         """
         kind = self.files.kind
         if isinstance(self, StoredResult) and self.suffix == ".json":
@@ -288,6 +289,6 @@ class Result(DrawableResult):
         self._write(folder, *related)
 
     def _write(self, folder: Path, *related: Any) -> None:
-        """Write what there is beside the summary and the figure: the table, in the one CSV."""
+        """Write the further files: by default the table as CSV."""
         (name,) = (file_name for file_name in self.files.names if file_name.endswith(".csv"))
         self.table().write_csv(folder / name)

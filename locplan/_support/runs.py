@@ -35,7 +35,7 @@ _CURRENT: list[RunRecord] = []
 
 @dataclass
 class RunRecord:
-    """A command with its settings as they were typed, and what it read."""
+    """A command with its settings as typed, and its input files."""
 
     command: str
     """Name of the command."""
@@ -51,7 +51,7 @@ class RunRecord:
     """A line for people on each of the most useful files that were written."""
 
     def content(self, home: Path) -> dict[str, Any]:
-        """Entries of run.yaml, with files as they are named from the folder where it will be."""
+        """Return the entries of run.yaml, with files relative to its folder."""
         settings = dict(self.settings)
         for name in self.files & settings.keys():
             settings[name] = _convert_setting(
@@ -64,7 +64,7 @@ class RunRecord:
 
     @classmethod
     def read(cls, path: Path) -> RunRecord:
-        """The run of a file, or of the one in a folder, with files as they are named from here.
+        """Read the run of a file or folder, with files relative to the current folder.
 
         Raises
         ------
@@ -93,7 +93,7 @@ class RunRecord:
             raise LocplanError(f"{file}: is damaged; {REMEDY}") from None
 
     def words(self) -> list[str]:
-        """The words of the command line, without those for the output."""
+        """Return the words of the command line, without the options for output."""
         words = [self.command]
         for name, value in self.settings.items():
             option = f"--{name.replace('_', '-')}"
@@ -110,7 +110,7 @@ class RunRecord:
 
 @contextmanager
 def running(run: RunRecord) -> Iterator[RunRecord]:
-    """Let folders of results that are written in this block have the run's file."""
+    """Write the run's file into the folders of results of this block."""
     _CURRENT.append(run)
     try:
         yield run
@@ -119,24 +119,24 @@ def running(run: RunRecord) -> Iterator[RunRecord]:
 
 
 def get_command_line() -> list[str]:
-    """The words of the command that runs, without those for the output; none in Python."""
+    """Return the words of the running command without output options; empty in Python."""
     return ["locplan", *_CURRENT[-1].words()] if _CURRENT and _CURRENT[-1].command else []
 
 
 def note_map(name: str, digest: Callable[[], str]) -> None:
-    """Tell the run, if there is one, which map was read."""
+    """Record the map in the current run, if any."""
     if _CURRENT and _CURRENT[-1].command:
         _CURRENT[-1].maps[name] = digest()
 
 
 def note_robot(title: str, digest: str) -> None:
-    """Tell the run, if there is one, which robot it is for."""
+    """Record the robot in the current run, if any."""
     if _CURRENT:
         _CURRENT[-1].robot = {"title": title, "digest": digest}
 
 
 def note_written(target: Path, files: Sequence[tuple[Path, str]], n_more: int) -> None:
-    """Tell the run, if there is one, which files were written.
+    """Record the written files in the current run, if any.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def note_written(target: Path, files: Sequence[tuple[Path, str]], n_more: int) -
     files : sequence of (Path, str)
         The most useful files with their purposes.
     n_more : int
-        Number of the other files.
+        Number of further files.
     """
     if _CURRENT:
         lines = [f"wrote {file}: {purpose}" for file, purpose in files]
@@ -164,12 +164,12 @@ def pop_written_lines() -> list[str]:
 
 
 def format_run(home: Path, kind: str, outputs: Mapping[str, str]) -> str:
-    """Text of run.yaml: the command that runs, if there is one, and what it has written.
+    """Return the text of run.yaml: the running command, if any, and its output files.
 
     Parameters
     ----------
     home : Path
-        The folder where it will be.
+        The folder of run.yaml.
     kind : str
         The kind of the results.
     outputs : mapping of str to str
@@ -182,7 +182,7 @@ def format_run(home: Path, kind: str, outputs: Mapping[str, str]) -> str:
 
 
 def read_outputs(file: Path) -> tuple[str | None, dict[str, str]]:
-    """Kind of the results that a run has written, and SHA-256 of each file by its name.
+    """Return the kind of a run's results, and SHA-256 of each file by its name.
 
     The kind is None if there is no such run.
     """
@@ -202,9 +202,9 @@ def _convert_setting(value: Any, change: Any) -> Setting:
 
 
 def _make_relative(text: str, home: Path) -> str:
-    """A file as it is named from a folder; on another drive it stays as it is.
+    """Return a file relative to a folder; names of built-in maps stay as they are.
 
-    So does the name of a built-in map, which is no file.
+    A file on another drive becomes absolute.
     """
     if not os.path.lexists(text):
         return text
@@ -215,11 +215,11 @@ def _make_relative(text: str, home: Path) -> str:
 
 
 def _resolve_path(home: Path, text: str) -> str:
-    """A file that is named from a folder, as it is named from here."""
+    """Return a file relative to the current folder instead of another folder."""
     file = os.path.normpath(home / text)
     return file if os.path.lexists(file) else text
 
 
 def format_argument(text: str) -> str:
-    """A file's name as an argument: one that begins with a dash would be an option."""
+    """Return a file's name as an argument; a leading dash would make it an option."""
     return f"./{text}" if text.startswith("-") else text

@@ -1,7 +1,7 @@
-"""What users come back to: objects that equal by value, and files that give them back.
+"""Objects that are saved to files and loaded again, and equality by value.
 
 A file holds a tree: texts, numbers, lists and entries by name, as JSON has them, and arrays. As
-.json they are lists; as .npz they are arrays of their own, and the tree is the array "about".
+.json they are lists; as .npz they are separate arrays, and the tree is the array "about".
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class EqualByValue:
 
 
 class StoredResult(EqualByValue):
-    """A result that is read back from its folder as it was."""
+    """A result that can be loaded from its folder."""
 
     kind: ClassVar[str]
     """Name of the kind in files and in errors, such as plan."""
@@ -71,7 +71,7 @@ class StoredResult(EqualByValue):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read what `save` has written; it equals what was saved.
+        """Load a saved object; it equals the original.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class StoredResult(EqualByValue):
         Raises
         ------
         LocplanError
-            If it cannot be read, is damaged, holds something else, or is of a newer locplan.
+            If it cannot be read, is damaged, is of another kind, or is of a newer locplan.
         """
         file = check_file_path(f"a file of a {cls.kind}", path)
         file = file / f"{cls.kind}{cls.suffix}" if file.is_dir() else file
@@ -91,7 +91,7 @@ class StoredResult(EqualByValue):
             return cast("Self", decode_tree(cls, _strip_stamp(content)))
         except (LocplanError, ArithmeticError, LookupError, TypeError, ValueError) as error:
             raise LocplanError(
-                f"{file}: is damaged ({short_repr(str(error))}); save it anew"
+                f"{file}: is damaged ({short_repr(str(error))}). Save it again"
             ) from None
 
     def write(self, file: Path) -> None:
@@ -105,7 +105,7 @@ class StoredResult(EqualByValue):
         Raises
         ------
         LocplanError
-            If it cannot be written, or what is written could not be read back.
+            If it cannot be written, or could not be loaded again.
         """
         tree = encode_tree(self)
         try:
@@ -123,7 +123,7 @@ class StoredResult(EqualByValue):
 
 
 class StoredObject(StoredResult):
-    """What `save` writes into a file, and `load` reads back as it was."""
+    """An object that `save` writes into a file and `load` reads again."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of it into a file, for `load`.
@@ -131,7 +131,7 @@ class StoredObject(StoredResult):
         Parameters
         ----------
         path : path
-            The file; one that is there is replaced.
+            The file; an existing file is replaced.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class StoredObject(StoredResult):
 
 
 def encode_tree(value: Any) -> Any:
-    """The tree of a value: a dataclass by its compared and derived fields, or its `to_json`."""
+    """Return the tree of a value: a dataclass by its compared and derived fields."""
     if value is None or isinstance(value, (bool, str, np.ndarray)):
         return value
     if isinstance(value, (int, np.integer)):
@@ -175,7 +175,7 @@ def to_plain_data(record: Any) -> dict[str, Any]:
 
 
 def arrays_to_lists(tree: Any) -> Any:
-    """The tree with lists in place of arrays, fit for JSON."""
+    """Return the tree with lists instead of arrays, for JSON."""
     if isinstance(tree, np.ndarray):
         return arrays_to_lists(encode_tree(tree.tolist()))
     if isinstance(tree, dict):
@@ -184,7 +184,7 @@ def arrays_to_lists(tree: Any) -> Any:
 
 
 def decode_tree(kind: Any, tree: Any) -> Any:
-    """The value of a kind, which is a type with its arguments, that `tree_of` has made a tree of.
+    """Return the value of a type from its tree, the inverse of `encode_tree`.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def decode_tree(kind: Any, tree: Any) -> Any:
 
 
 def _decode_collection(origin: Any, args: tuple[Any, ...], tree: Any) -> Any:
-    """A tuple, a list or a dictionary of values."""
+    """Return a tuple, list or dictionary of values from its tree."""
     if issubclass(origin, Mapping):
         return {
             name: decode_tree(args[1], subtree) for name, subtree in _require_mapping(tree).items()
@@ -236,7 +236,7 @@ def _decode_collection(origin: Any, args: tuple[Any, ...], tree: Any) -> Any:
 
 
 def _decode_union(kinds: Sequence[Any], tree: Any) -> Any:
-    """The value of the first of several kinds that the tree is of."""
+    """Return the value of the first type that fits the tree."""
     if tree is None and type(None) in kinds:
         return None
     for kind in kinds:
@@ -248,7 +248,7 @@ def _decode_union(kinds: Sequence[Any], tree: Any) -> Any:
 
 
 def _decode_array(tree: Any, kind: Any) -> NDArray[Any]:
-    """An array that nobody changes, of the type of a dtype[...]."""
+    """Return a read-only array of the type of a dtype[...]."""
     (scalar_type,) = typing.get_args(kind)
     dtype = np.dtype(
         scalar_type if isinstance(scalar_type, type) and scalar_type is not Any else None
@@ -325,7 +325,7 @@ def _hash_value(value: Any) -> int:
 
 
 def _read(file: Path) -> Any:
-    """The tree of a file; None if it is damaged."""
+    """Read the tree of a file; None if it is damaged."""
     try:
         if file.suffix == ".json":
             return parse_json(read_bytes(file, MAX_SAVED_BYTES).decode("utf-8"))

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM within a second: a process that works, and one that outlives it and clears up.
+"""Fast reaction to Ctrl-C and SIGTERM: a second process works, the first one cleans up.
 
 Why not a thread that waits on `signal.set_wakeup_fd`: it needs the interpreter, which numba holds
 for 0.3 s of CPU at a time while it compiles. On a busy machine the thread waited 3.3 s. In OMPL it
@@ -6,8 +6,8 @@ waited at most 0.8 s, since the termination condition is in Python. Foreign code
 may hold the interpreter for any time.
 
 So the first process only waits. It passes a signal on, gives the second one a short time to end in
-good order, kills it otherwise, and clears its temporary folders. If nobody outlives a process that
-is killed, the next one that writes to the same place does so, see `locplan._support.output`.
+good order, kills it otherwise, and clears its temporary folders. If both are killed, the next
+process that writes to the same place does so, see `locplan._support.output`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _temporary_folders: set[str] = set()
 
 
 def announce_folder(folder: str, *, is_gone: bool = False) -> None:
-    """Tell the process that outlives this one of a temporary folder that it has to clear."""
+    """Announce a temporary folder to the first process, which clears it at the end."""
     if is_gone:
         _temporary_folders.discard(folder)
         return
@@ -36,7 +36,7 @@ def announce_folder(folder: str, *, is_gone: bool = False) -> None:
 
 
 def _announce_folders(read_end: int, write_end: int, *folders: str) -> None:
-    """Name temporary folders to the process that outlives this one."""
+    """Send names of temporary folders to the first process."""
     try:
         os.write(write_end, b"".join(os.fsencode(folder) + b"\0" for folder in folders))
     except BlockingIOError:  # names are read at the end: it is full of folders that are long gone
@@ -46,7 +46,7 @@ def _announce_folders(read_end: int, write_end: int, *folders: str) -> None:
 
 
 def find_existing_folders(packed_names: bytes) -> list[str]:
-    """Return those temporary folders, named each with a null behind, that are still there."""
+    """Return the existing folders of a null-separated list."""
     return [
         folder
         for folder in map(os.fsdecode, packed_names.split(b"\0")[:-1])
@@ -67,7 +67,7 @@ WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminat
 
 
 def run_supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
-    """Run `work` in a process of its own, `clear` the folders that it leaves; return its exit code.
+    """Run `work` in a second process, clear its temporary folders, and return its exit code.
 
     It does not return in the process that works, unless the system has no fork: there the only
     process works.
@@ -118,7 +118,7 @@ def run_supervised(work: Callable[[], None], clear: Callable[[str], None]) -> in
 
 
 def end_if_supervised(code: int = INTERRUPTED) -> None:
-    """End this process at once, without its threads, if another one clears up and reports."""
+    """End this process at once if the first process cleans up and reports."""
     if _listener is not None:
         os._exit(code)
 
@@ -158,7 +158,7 @@ def _work(
 
 
 def _report_exit_code(received_signals: list[int], code: int) -> int:
-    """The exit code of the first process, after it has said in one line how the second ended."""
+    """Report the end of the second process in one line, and return the exit code."""
     if received_signals and os.isatty(2):
         os.write(2, b"\r\x1b[2K\x1b[?25h")  # the bar goes, and the cursor that it hid comes back
     if not received_signals and -code in FORWARDED_SIGNALS:

@@ -43,9 +43,9 @@ def write_json(file: Path, content: Mapping[str, object]) -> None:
 
 
 def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write rows of names and numbers, as a whole or not at all; what is not known is empty.
+    """Write rows of names and numbers, whole or not at all; unknown values are empty.
 
-    Signs that UTF-8 does not have, such as in the names of some files, are question marks.
+    Characters outside UTF-8, as in some file names, become question marks.
     """
     with (
         replace_file(target) as temporary,
@@ -57,9 +57,9 @@ def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any
 
 
 def format_csv_cell(value: Any) -> Any:
-    """A value for a CSV file: nothing for what is not finite, and no formula of a spreadsheet.
+    """Return a value for a CSV file: empty if not finite, and never a spreadsheet formula.
 
-    A text that it would compute gets an apostrophe, as OWASP advises; a number in a text stays.
+    Formulas get an apostrophe, as OWASP advises; numbers in texts stay.
     """
     if isinstance(value, str) and _FORMULA.match(value):
         with contextlib.suppress(ValueError):
@@ -72,12 +72,12 @@ def format_csv_cell(value: Any) -> Any:
 
 
 def parse_csv_cell(text: str) -> str:
-    """The text that `format_csv_cell` has written."""
+    """Return the original text of `format_csv_cell`."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
 def nan_to_none(values: T) -> T:
-    """Values for JSON, which knows neither NaN nor infinity: null stands for both, at any depth."""
+    """Return values for JSON, with null for NaN and infinity at any depth."""
     cleaned: T = _nan_to_none(values)
     return cleaned
 
@@ -93,7 +93,7 @@ def _nan_to_none(values: Any) -> Any:
 def format_table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], *, width: int | None = None
 ) -> str:
-    """Text of a table, at most as wide as the terminal, or as `width` [characters]."""
+    """Return a table as text, at most as wide as the terminal, or as `width` [characters]."""
     from rich import box
     from rich.console import Console
     from rich.table import Column, Table
@@ -119,7 +119,7 @@ def format_table(
 
 
 def format_aligned(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Text of a table of few columns, whose rows are never broken, however narrow the terminal."""
+    """Return a table of few columns as text without wrapping."""
     from rich.cells import cell_len
 
     widths = [max(map(cell_len, column)) for column in zip(heads, *rows, strict=True)]
@@ -133,8 +133,10 @@ def format_aligned(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _choose_widths(columns: Sequence[Sequence[str]], room: int) -> list[int | None]:
-    """Widths of columns, headings first, whose texts break at spaces alone, and headings before
-    values; None for each where that has no room."""
+    """Return widths of columns that wrap headings before values, and only at spaces.
+
+    None for each column if there is no room.
+    """
     from rich.cells import cell_len
 
     min_widths = [max(map(cell_len, [*" ".join(texts).split(), ""])) for texts in columns]
@@ -153,9 +155,9 @@ UNBREAKABLE_SPACES = re.compile(r"(?<=\d) (?=%)|(?<=%) (?=\[)|(?<=\d,) (?=\d+\])
 
 
 def wrap_lines(lines: Sequence[str]) -> list[str]:
-    """Lines broken where they are wider than the terminal, or than text is easy to read.
+    """Wrap lines to the width of the terminal, at most to a readable width.
 
-    A figure stays with its % sign and its interval.
+    Numbers stay with their % sign and interval.
     """
     width = min(shutil.get_terminal_size((TEXT_WIDTH, 24)).columns, TEXT_WIDTH)
     bound_lines = (UNBREAKABLE_SPACES.sub("\xa0", text_line) for text_line in lines)
@@ -165,7 +167,7 @@ def wrap_lines(lines: Sequence[str]) -> list[str]:
 
 
 def format_rounded_up(value: float) -> str:
-    """A number of four digits that is not below the value, so that it serves as a budget."""
+    """Return a number of four digits that is not below the value, for a budget."""
     text = f"{value:.4g}"
     if float(text) < value:
         step = 10.0 ** (math.floor(math.log10(value)) - 3)
@@ -197,7 +199,7 @@ def format_age(moment: float) -> str:
 
 
 def make_file_name(name: str) -> str:
-    """A map's name with a dash for each character that some file systems refuse."""
+    """Return a map's name with dashes for characters that some file systems refuse."""
     return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
 
 
@@ -207,7 +209,7 @@ def make_feature(
     properties: Mapping[str, Any],
     **members: Any,
 ) -> dict[str, Any]:
-    """A feature with its properties; null is what is not known."""
+    """Return a GeoJSON feature; unknown properties are null."""
     geometry = {"type": kind, "coordinates": coordinates}
     return {
         "type": "Feature",
@@ -218,7 +220,7 @@ def make_feature(
 
 
 def close_rings(*rings: ArrayLike) -> list[list[list[float]]]:
-    """Coordinates of a polygon of rings (n, 2) [m], to a tenth of a millimetre."""
+    """Return the coordinates of a polygon of rings (n, 2) [m], to 0.1 mm."""
     corners = (np.asarray(ring).round(4).tolist() for ring in rings)
     return [[*ring, ring[0]] for ring in corners]
 
@@ -226,7 +228,7 @@ def close_rings(*rings: ArrayLike) -> list[list[list[float]]]:
 def make_collection(
     name: str, features: Iterable[dict[str, Any]], **members: Any
 ) -> dict[str, Any]:
-    """A collection of features."""
+    """Return a GeoJSON collection of features."""
     return {"type": "FeatureCollection", "name": name, **members, "features": [*features]}
 
 

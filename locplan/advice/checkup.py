@@ -50,7 +50,7 @@ def check(
     on_finding: Callable[[str], None] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Check:
-    """Find the places where a robot fails on a map, and the fixes that help, by simulated drives.
+    """Find a robot's failures on a map, and the fixes that help, by simulated drives.
 
     `check` finds the map's faults and weak spots, and simulates the robot with its filter along
     routes, in open loop and in closed loop. It then simulates each applicable fix on the same

@@ -505,7 +505,7 @@ def as_list(single_or_many: Any) -> list[Any]:
 
 
 def make_names_unique(names: Sequence[str]) -> list[str]:
-    """Return names with numbers that tell equal ones apart.
+    """Return names with numbers that distinguish equal names.
 
     Parameters
     ----------

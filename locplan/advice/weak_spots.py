@@ -187,7 +187,7 @@ def _find_farthest_corner(ring: Ints, corner_indices: Ints, line: int) -> Ints:
 
 
 def mark_meeting_lines(rings: Sequence[Ints]) -> Bools:
-    """Mark the lines of the rings that meet a line which is not their neighbour, (n,)."""
+    """Mark the lines of the rings that meet any line except their neighbours, (n,)."""
     sizes = [len(ring) for ring in rings]
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])

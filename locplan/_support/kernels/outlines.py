@@ -93,7 +93,7 @@ def write_part_hull(
     corners: Array, hull: Array, outline: Floats, poses: Floats, n: int, part: int, parts: int
 ) -> tuple[int, int, int]:
     """Write the hull of the outlines at both ends of a part; its size, first and last row."""
-    place_ends(corners, outline, poses, n, part, parts)
+    write_end_outlines(corners, outline, poses, n, part, parts)
     size = write_convex_hull(corners, hull)
     top, bottom = find_hull_rows(hull, size)
     return size, top, bottom
@@ -113,7 +113,7 @@ def count_turn_parts(poses: Floats, n: int) -> int:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def place_ends(
+def write_end_outlines(
     corners: Array, outline: Floats, poses: Floats, n: int, part: int, parts: int
 ) -> None:
     """Write the corners of the outlines at both ends of a part of a move."""
