@@ -42,7 +42,7 @@ def main(folder: str = "animation", step: float = 1.0, drives: int = DRIVES) -> 
     crowds = [
         RobotCrowd(name, paths[name], arrivals, above, below) for name, arrivals in driven.items()
     ]
-    arrival_texts = [f"{arrivals.count} of {drives}" for arrivals in driven.values()]
+    arrival_texts = [f"{arrivals.n_reached} of {drives}" for arrivals in driven.values()]
     above.set_title(
         f"{drives} robots steered by AMCL (Nav2's defaults, lidar of TurtleBot 4):\n"
         f"{arrival_texts[0]} arrive on the shortest, {arrival_texts[1]} on the recommended path",

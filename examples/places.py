@@ -129,9 +129,9 @@ def driven_once(simulator: Simulator, lines: list[Floats]) -> Floats:
     errors = np.empty((len(lines), *lines[0].shape))
 
     def run(n: int) -> None:
-        line = simulator.line(lines[n])
-        stage = simulator.stage([line])
-        errors[n] = stage.drive(line, stage.world(0, n), 0, n, simulator.arguments, NO_FAULT)
+        line = simulator.make_line(lines[n])
+        stage = simulator.make_stage([line])
+        errors[n] = stage.drive(line, stage.make_world(0, n), 0, n, simulator.arguments, NO_FAULT)
 
     simulator.run_in_threads(run, len(lines), None)
     return rotate_errors(errors, simulator.filter_map.origin[2])

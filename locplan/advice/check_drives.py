@@ -53,7 +53,7 @@ from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
 from locplan.robots.amcl import Amcl
 from locplan.simulation.arrivals import Arrivals
-from locplan.simulation.driver import CHOOSING, FRESH
+from locplan.simulation.driver import FIRST_CHOOSING_DRIVE, FIRST_FRESH_DRIVE
 from locplan.simulation.levels import NO_FAULT
 from locplan.simulation.problem import RecommendationSettings
 from locplan.simulation.recommendation import Recommendation
@@ -151,8 +151,11 @@ class FixTrials:
         )
         self._failing = math.ceil(FAILING * share)
         # Fixes are chosen, judged, and what is recommended confirmed, on drives of their own.
-        self._trial_numbers, self._numbers = range(CHOOSING, CHOOSING + n_trial), range(n_full)
-        self._fresh = range(FRESH, FRESH + n_full)
+        self._trial_numbers, self._numbers = (
+            range(FIRST_CHOOSING_DRIVE, FIRST_CHOOSING_DRIVE + n_trial),
+            range(n_full),
+        )
+        self._fresh = range(FIRST_FRESH_DRIVE, FIRST_FRESH_DRIVE + n_full)
         self._closed = closed
         self._n_closed = dict.fromkeys(scenario.paths, closed)
         self._drive = _fixes.make_scenario_runner(seed, threads)

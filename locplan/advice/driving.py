@@ -17,7 +17,7 @@ from locplan.planning.path import Path
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import Arrivals
 from locplan.simulation.driver import drive_closed, drive_open
-from locplan.simulation.drives import FLOOR, LOST, Drives
+from locplan.simulation.drives import LOST_DISTANCE, MIN_MEAN_SQUARE, Drives
 from locplan.simulation.simulator import Simulator
 
 
@@ -76,7 +76,7 @@ class ScenarioRunner:
         routes = drive_open(
             self._simulator, self.scenario.paths, numbers, progress=progress
         ).values()
-        log_error = [0.5 * np.log(drives.mean_squares + FLOOR) for drives in routes]
+        log_error = [0.5 * np.log(drives.mean_squares + MIN_MEAN_SQUARE) for drives in routes]
         lost_at = [_find_loss_distances(drives) for drives in routes]
         off_at_end = [drives.off_at_end for drives in routes]
         lost = ~np.isnan(lost_at)
@@ -96,5 +96,5 @@ class ScenarioRunner:
 
 def _find_loss_distances(drives: Drives) -> Floats:
     """Return the distance along the path at which each drive gets lost, or NaN, (n,) [m]."""
-    is_lost = drives.position_error > LOST
+    is_lost = drives.position_error > LOST_DISTANCE
     return np.where(drives.lost, drives.distance[is_lost.argmax(axis=1)], np.nan)

@@ -21,9 +21,9 @@ from locplan.simulation.arrivals import (
     ABORTED,
     ARRIVED,
     ELSEWHERE,
-    FOLLOWER,
+    FOLLOWER_FAULT,
     TIMED_OUT,
-    WORLD,
+    WORLD_FAULT,
     Arrivals,
 )
 
@@ -35,7 +35,7 @@ STOP_TEXTS = {
     ELSEWHERE: "stop in the wrong place",
     ABORTED: "are aborted",
     TIMED_OUT: "run out of time",
-    FOLLOWER: "fail even with perfect localization",
+    FOLLOWER_FAULT: "fail even with perfect localization",
 }
 """Failure of closed-loop drives in words, by their outcome or fault."""
 
@@ -136,7 +136,7 @@ def _collect_stops(arrivals: Mapping[str, Arrivals]) -> list[_DriveStop]:
         _DriveStop(name, drive.fault or drive.outcome, drive.end[:2])
         for name, drives in arrivals.items()
         for drive in drives.drives
-        if drive.outcome != ARRIVED and drive.fault != WORLD
+        if drive.outcome != ARRIVED and drive.fault != WORLD_FAULT
     ]
 
 

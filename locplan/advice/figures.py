@@ -43,7 +43,7 @@ from locplan.planning.figures import (
     draw_path_colour_bar,
     make_path_norm,
 )
-from locplan.simulation.drives import LOST, OFF_SHORT, Drives
+from locplan.simulation.drives import LOST_DISTANCE, LOST_SHORT_TEXT, Drives
 from locplan.simulation.figures import (
     MAP_MARKS,
 )
@@ -91,7 +91,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     off_at_end.set_title("share of the drives, 95 %", fontsize="medium")
     make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
-    off_at_end.set_ylabel(f"drives {OFF_SHORT} at the end [%]")
+    off_at_end.set_ylabel(f"drives {LOST_SHORT_TEXT} at the end [%]")
     off_at_end.set_ylim(bottom=-0.04 * off_at_end.get_ylim()[1])
     figure.key(errors.get_legend_handles_labels()[0], ncols=3)
     figure.title(f"{tuning.conclusion}. {tuning.map_names}, {tuning.robot.known_lidar.title}")
@@ -447,10 +447,10 @@ def _draw_route_errors(axes: Axes, verification: Verification) -> None:
             profile[:, 0], profile[:, 6], profile[:, 7], color=colour, alpha=0.2, linewidth=0
         )
         axes.plot(profile[:, 0], profile[:, 4], line, color=colour, label=label)
-    if axes.get_ylim()[1] > LOST / 2:
-        axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
-        at = (1, LOST), (-5, -2), ("axes fraction", "data"), "offset points"
-        axes.annotate(OFF_SHORT, *at, ha="right", va="top", fontsize=8)
+    if axes.get_ylim()[1] > LOST_DISTANCE / 2:
+        axes.axhline(LOST_DISTANCE, color="0.6", linewidth=0.8, zorder=0)
+        at = (1, LOST_DISTANCE), (-5, -2), ("axes fraction", "data"), "offset points"
+        axes.annotate(LOST_SHORT_TEXT, *at, ha="right", va="top", fontsize=8)
     make_logarithmic(axes.yaxis)
     axes.set_ylim(bottom=max(style.MIN_ERROR / 2, axes.get_ylim()[0]))
     of_route = f" of {name}" if len(routes) > 1 else ""

@@ -14,7 +14,7 @@ from locplan.export.parameters import write_merged
 from locplan.export.servers import write_filter_map
 from locplan.maps.files import corrected_yaml, save_map
 from locplan.robots.parameters import read_parameters
-from locplan.simulation.amcl_parameters import write_tuned
+from locplan.simulation.amcl_parameters import write_tuned_parameters
 
 Params: TypeAlias = Folder | str | Sequence[Folder] | None
 """The user's parameter files of Nav2."""
@@ -78,10 +78,10 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         if len(params) > 1:
             write_merged(parameter_file, params)
             base = [parameter_file]
-        write_tuned(parameter_file, check.fixed_scenario.robot.amcl, base[0])
+        write_tuned_parameters(parameter_file, check.fixed_scenario.robot.amcl, base[0])
         base = [parameter_file]
     elif kinds & {FULL_RANGE, SETTINGS}:
-        write_tuned(parameter_file, check.fixed_scenario.robot.amcl)
+        write_tuned_parameters(parameter_file, check.fixed_scenario.robot.amcl)
     if CORRECTED_MAP in kinds and check.source:
         (folder / "map.yaml").write_text(
             corrected_yaml(check.source, correction.corrected_lengths), "utf-8"

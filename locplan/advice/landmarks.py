@@ -53,7 +53,13 @@ from locplan.planning.path import Path
 from locplan.planning.plans import plan
 from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
-from locplan.simulation.drives import RATES, Drives, RateProperties, check_drives, format_rates
+from locplan.simulation.drives import (
+    RATE_COLUMNS,
+    Drives,
+    RateProperties,
+    check_drives,
+    format_rates,
+)
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import DriveSet, Verdict, compare_drives
 
@@ -65,7 +71,7 @@ DRIVES = 100
 """Number of drives along each route by default."""
 DRIVE_COLUMNS = (
     Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
-    *RATES,
+    *RATE_COLUMNS,
     Column("rmse", "m", "error, all drives", interval=True),
     Column("kept_rmse", "m", "of those never lost", interval=True),
 )

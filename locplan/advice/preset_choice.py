@@ -20,7 +20,7 @@ from locplan._support.saved import to_plain_data
 from locplan.advice.trials import is_futile
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import PRECISE, describe_preset, list_applicable_presets
-from locplan.simulation.drives import OFF, Drives, rate_column
+from locplan.simulation.drives import LOST_TEXT, Drives, make_rate_column
 from locplan.simulation.levels import NO_FAULT
 from locplan.simulation.verdict import BETTER, WORSE, DriveSet, Verdict, compare_drives
 
@@ -35,8 +35,8 @@ RESULT_COLUMNS = (
     Column("settings", title="settings"),
     Column("case", title="drives"),
     Column("error", "m", "error", interval=True),
-    rate_column("lost", "lost"),
-    rate_column("off_at_end", "off at the end"),
+    make_rate_column("lost", "lost"),
+    make_rate_column("off_at_end", "off at the end"),
     Column("verdict", title="verdict"),
     Column("n_drives"),
 )
@@ -207,12 +207,12 @@ class PresetChoice:
         runs = max((r.n_drives for r in self.results if r.case in self.recordings), default=0)
         if runs:
             return (
-                f"Lost: {OFF} at some time. On a recording: {runs} runs over the"
+                f"Lost: {LOST_TEXT} at some time. On a recording: {runs} runs over the"
                 f" whole drive (seed {seed}), with the RMSE of all runs against the recorded poses."
                 " The recording decides."
             )
         return (
-            f"Lost: {OFF} at some time. The usual level decides. At every further level the safe"
+            f"Lost: {LOST_TEXT} at some time. The usual level decides. At every further level the safe"
             f" preset must not be off at the end significantly more often than {USER_SETTINGS}, and"
             " the precise preset only rarely."
         )

@@ -14,7 +14,7 @@ from locplan._support.kernels.arrays import Floats
 from locplan.advice.fixes import CHEAP, CORRECTED_MAP, KINDS, SETTINGS
 from locplan.advice.trials import RouteDrives
 from locplan.planning.path import Path
-from locplan.simulation.arrivals import ARRIVED, FOLLOWER, WORLD, Arrivals
+from locplan.simulation.arrivals import ARRIVED, FOLLOWER_FAULT, WORLD_FAULT, Arrivals
 from locplan.simulation.verdict import BETTER
 
 MAX_LOST_RATE = 0.01
@@ -75,7 +75,7 @@ class DriveRates:
     @property
     def fails_if_localized(self) -> bool:
         """True if most failed closed-loop drives fail even with perfect localization."""
-        localized = self.endings.get(FOLLOWER, 0) + self.endings.get(WORLD, 0)
+        localized = self.endings.get(FOLLOWER_FAULT, 0) + self.endings.get(WORLD_FAULT, 0)
         return localized >= 2 and 2 * localized >= sum(self.endings.values())
 
     @property
@@ -220,7 +220,7 @@ def compute_drive_rates(outcome: RouteDrives, arrivals: Mapping[str, Arrivals]) 
     if arrivals:
         counts = np.array([len(drives.drives) for drives in arrivals.values()])
         size = len(counts) ** 2 / (1 / counts).sum()
-        shares = np.array([drives.count for drives in arrivals.values()]) / counts
+        shares = np.array([drives.n_reached for drives in arrivals.values()]) / counts
         misses = [
             sum(not d.fault and d.outcome != ARRIVED for d in drives.drives)
             for drives in arrivals.values()

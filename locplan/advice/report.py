@@ -25,7 +25,7 @@ from locplan.advice.text import (
 )
 from locplan.maps.figures import downsample
 from locplan.maps.grid import OccupancyGrid
-from locplan.simulation.drives import OFF
+from locplan.simulation.drives import LOST_TEXT
 
 GREYS = np.array([40, 190, 255], np.uint8)
 """Shades of occupied, unknown and free."""
@@ -96,7 +96,7 @@ def write_report(path: Path, check: Check, *related: Any) -> None:
     n_routes = len(check.routes)
     text = environment.get_template("report.html").render(
         check=check,
-        off=OFF,
+        off=LOST_TEXT,
         headline=headline_sentences(check),
         spots=[spot_text(spot, n_routes) for spot in check.spots if spot.letter],
         passage=passage_text(check.passage) if check.passage else "",

@@ -21,8 +21,8 @@ from locplan.advice.next_step import choose_next_action, remaining_text
 from locplan.advice.rates import DriveRates, FixResult, RouteResult
 from locplan.advice.weak_spots import NO_HEADING, WeakSpot
 from locplan.maps.map_faults import MapFaults
-from locplan.simulation.arrivals import ABORTED, ELSEWHERE, FOLLOWER, TIMED_OUT, WORLD
-from locplan.simulation.drives import LOST
+from locplan.simulation.arrivals import ABORTED, ELSEWHERE, FOLLOWER_FAULT, TIMED_OUT, WORLD_FAULT
+from locplan.simulation.drives import LOST_DISTANCE
 from locplan.simulation.verdict import BETTER
 
 
@@ -43,7 +43,8 @@ def format_spots(weak_spots: Sequence[WeakSpot]) -> str:
 
 def format_baseline(rates: DriveRates) -> str:
     """Report the rates of the baseline."""
-    lost = f"lost (error > {LOST:g} m) in {format_rate(rates.lost)} of {rates.n_drives} drives"
+    rate = format_rate(rates.lost)
+    lost = f"lost (error > {LOST_DISTANCE:g} m) in {rate} of {rates.n_drives} drives"
     return f"baseline: {lost}; {format_rate(rates.reached)} reach the goal"
 
 
@@ -75,8 +76,8 @@ ENDING_TEXTS = {
     ELSEWHERE: "stops in the wrong place",
     ABORTED: "is aborted",
     TIMED_OUT: "runs out of time",
-    FOLLOWER: "fails even with perfect localization",
-    WORLD: "finds no way to the goal",
+    FOLLOWER_FAULT: "fails even with perfect localization",
+    WORLD_FAULT: "finds no way to the goal",
 }
 """Failure of a closed-loop drive in words, by its outcome or fault."""
 
@@ -85,7 +86,7 @@ def headline_sentences(check: Check) -> tuple[str, ...]:
     """Return the first sentences: rates of lost drives and of reached goals."""
     rates = check.baseline
     lost = (
-        f"Your robot gets lost (error > {LOST:g} m) in {format_rate(rates.lost)} of"
+        f"Your robot gets lost (error > {LOST_DISTANCE:g} m) in {format_rate(rates.lost)} of"
         f" {rates.n_drives}"
         f" simulated drives. It is off at the end in {format_rate(rates.off_at_end)}."
     )

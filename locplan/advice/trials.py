@@ -13,7 +13,13 @@ import numpy as np
 
 from locplan._support.intervals import Interval
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan.simulation.verdict import BETTER, DriveSet, Verdict, compare_drives, confirm
+from locplan.simulation.verdict import (
+    BETTER,
+    DriveSet,
+    Verdict,
+    compare_drives,
+    confirm_alternative,
+)
 
 WORTHWHILE = 0.9
 """Maximum ratio of errors for which a fix is worth its effort, as for paths."""
@@ -243,7 +249,7 @@ def confirm_fixes(
         n_routes = len(drive(kinds, fresh[:1]).lost)
         half = (len(fresh) + 1) // 2
         is_early = half * n_routes >= MIN_FRESH
-        verdict = confirm(
+        verdict = confirm_alternative(
             lambda numbers: (drive(certain, numbers).drive_set, drive(kinds, numbers).drive_set),
             fresh,
             looks=[half, len(fresh)] if is_early and half < len(fresh) else [len(fresh)],

@@ -51,7 +51,7 @@ from locplan.simulation.amcl_parameters import (
     BeamCount,
     find_differing_names,
     list_setting_warnings,
-    write_tuned,
+    write_tuned_parameters,
 )
 from locplan.simulation.driver import drive_open
 from locplan.simulation.drives import check_drives
@@ -161,7 +161,7 @@ class Tuning(Result):
         return tuning_figure(self)
 
     def _write(self, folder: FilePath, *related: Any) -> None:
-        write_tuned(folder / "nav2_params.yaml", self.winner, *related)
+        write_tuned_parameters(folder / "nav2_params.yaml", self.winner, *related)
 
     def summary(self, *related: Any, **details: Any) -> dict[str, object]:
         """Return the result as plain data for JSON.

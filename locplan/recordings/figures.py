@@ -34,7 +34,7 @@ from locplan.recordings.location import LocatedDrive, Location
 from locplan.recordings.recording import Recording
 from locplan.recordings.replays import Replay
 from locplan.recordings.trajectory import Trajectory
-from locplan.simulation.drives import LOST, OFF_SHORT
+from locplan.simulation.drives import LOST_DISTANCE, LOST_SHORT_TEXT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -226,11 +226,13 @@ def replay_figure(replay: Replay) -> Figure:
     style = {"color": FILTER, "linestyle": "--", "label": "rms deviation by the filter"}
     lower.plot(way[has_deviation], deviation[has_deviation], linewidth=1.4, **style)
     top = 1.1 * max(float(high.max()), float(deviation[has_deviation].max(initial=0.0)))
-    if top > LOST / 2:
-        lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
+    if top > LOST_DISTANCE / 2:
+        lower.axhline(LOST_DISTANCE, color="0.5", linewidth=0.8, zorder=0)
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
         style = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
-        lower.annotate(OFF_SHORT, (0, LOST), (4, 2), textcoords="offset points", **style)
+        lower.annotate(
+            LOST_SHORT_TEXT, (0, LOST_DISTANCE), (4, 2), textcoords="offset points", **style
+        )
     lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top), ylabel="position [m]")
     style = {"bbox_to_anchor": (0.5, 1.0), "frameon": False, "fontsize": "small"}
     lower.legend(loc="lower center", ncols=3, **style)

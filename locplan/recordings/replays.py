@@ -43,9 +43,9 @@ from locplan.robots.robot import Robot
 from locplan.simulation.amcl_parameters import is_untuned
 from locplan.simulation.drives import (
     DRIVE_COLUMNS,
-    OFF,
-    PROFILE,
-    RATES,
+    LOST_TEXT,
+    PROFILE_COLUMNS,
+    RATE_COLUMNS,
     DriveArguments,
     Drives,
     make_drive_arguments,
@@ -330,7 +330,7 @@ class Replay(Result):
         if self.is_sparse:
             note = self.notes[0]
             if not drives.lost.any():
-                return f"It was never {OFF}, although {note}."
+                return f"It was never {LOST_TEXT}, although {note}."
             return (
                 f"This log has too few scans to tell how often the filter is lost: {note}."
                 " Record every scan."
@@ -338,7 +338,7 @@ class Replay(Result):
         if lost < 0.05:
             return self.consistency.sentence
         sentence = (
-            f"The filter is {OFF} at some time in {lost:.0%} of the runs, and on"
+            f"The filter is {LOST_TEXT} at some time in {lost:.0%} of the runs, and on"
             f" {drives.lost_way.value:.0%} of the way."
         )
         if math.isfinite(drives.first_loss):
@@ -388,7 +388,7 @@ class Replay(Result):
     def table(self) -> Table:
         """A row per scan: the recorded pose, the errors there, and the filter's own deviation."""
         rows = np.column_stack([self.drives.profile(), self.filter_std]).tolist()
-        return Table((*PROFILE, Column("filter_std", "m")), tuple(map(tuple, rows)))
+        return Table((*PROFILE_COLUMNS, Column("filter_std", "m")), tuple(map(tuple, rows)))
 
     def figure(self) -> Figure:
         """The recorded way and the filter's over the map, and its error along the drive."""
@@ -496,7 +496,9 @@ def replay_report(replay: Replay) -> str:
     consistency, within = replay.consistency, replay.consistency.within
     share = f"{within.value:.0%}" if np.isnan(within.low) else format_percent(within)
     # A rate of losses would be that of the log's lack of scans, not of the filter.
-    columns = [column for column in DRIVE_COLUMNS if column not in RATES or not replay.is_sparse]
+    columns = [
+        column for column in DRIVE_COLUMNS if column not in RATE_COLUMNS or not replay.is_sparse
+    ]
     of_filter = [
         ("within the 95% ellipse", share),
         ("rms deviation by the filter", format_metres(consistency.filter_std)),

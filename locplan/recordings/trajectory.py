@@ -22,7 +22,7 @@ from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid
 from locplan.recordings.recording import Recording
 from locplan.robots.parts import Odometry
-from locplan.simulation.drives import LOST, OFF
+from locplan.simulation.drives import LOST_DISTANCE, LOST_TEXT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -441,11 +441,11 @@ class Trajectory(Result, StoredResult):
         if self.odometry is None:
             lines.append("The log has no odometry: its own poses stand for it.")
         off = self.off[self.is_trusted]
-        lost = float((off > LOST).mean())
+        lost = float((off > LOST_DISTANCE).mean())
         lines.append(
             f"The log's own poses are off by {100 * float(np.median(off)):.0f} cm in the"
             f" median, 95 %: {100 * float(np.quantile(off, 0.95)):.0f} cm"
-            + (f"; they are lost, {OFF}, at {lost:.0%} of the scans." if lost else ".")
+            + (f"; they are lost, {LOST_TEXT}, at {lost:.0%} of the scans." if lost else ".")
         )
         return lines
 

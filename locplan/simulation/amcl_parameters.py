@@ -21,7 +21,7 @@ from locplan.robots.parameter_edits import edit_parameters
 from locplan.robots.parameters import read_parameters, split_robot_name
 from locplan.robots.presets import PRESET_PARAMETERS
 from locplan.robots.robot import Robot
-from locplan.simulation.simulator import BEAMS, Simulator
+from locplan.simulation.simulator import BEAM_STREAM, Simulator
 
 
 def is_untuned(amcl: Amcl) -> bool:
@@ -58,7 +58,7 @@ class BeamCount:
         """
         from locplan._support.kernels.lidar import measure_ends
 
-        random = make_generator(simulator.seed, BEAMS)
+        random = make_generator(simulator.seed, BEAM_STREAM)
         grid, arguments = simulator.grid, simulator.arguments
         cells = np.argwhere(grid.free & (grid.clearance >= simulator.robot.radius))
         cells = cells if len(cells) else np.argwhere(grid.free)
@@ -76,7 +76,7 @@ class BeamCount:
     def __str__(self) -> str:
         return f"of {self.compared} beams compared, {self.returned:.0f} return on this map"
 
-    def warnings(self) -> list[str]:
+    def find_warnings(self) -> list[str]:
         """A warning if fewer than half of the beams return."""
         if self.returned >= self.compared / 2:
             return []
@@ -128,7 +128,7 @@ def find_filter_warnings(
 def list_setting_warnings(
     robot: Robot,
     settings: Amcl,
-    beams_left: BeamCount,
+    beam_count: BeamCount,
     further_parameters: Mapping[str, object] | None = None,
 ) -> tuple[str, ...]:
     """Return warnings about a robot's settings, and about changing them to others.
@@ -139,7 +139,7 @@ def list_setting_warnings(
         The robot with the user's settings.
     settings : Amcl
         The settings to use.
-    beams_left : BeamsLeft
+    beam_count : BeamsLeft
         Number of the compared beams that return.
     further_parameters : mapping, optional
         Further parameters in the robot's file, such as `do_beamskip`.
@@ -153,7 +153,7 @@ def list_setting_warnings(
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
         warnings.append(f"{skips}, and it was not simulated")
     warnings += find_filter_warnings(user_amcl, robot.known_lidar, further_parameters)
-    return (*warnings, *beams_left.warnings())
+    return (*warnings, *beam_count.find_warnings())
 
 
 def check_tunable(params: Path | None) -> None:
@@ -175,7 +175,7 @@ def check_tunable(params: Path | None) -> None:
         )
 
 
-def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
+def write_tuned_parameters(file: Path, winner: Amcl, params: Path | None = None) -> None:
     """Write settings as parameters of Nav2.
 
     It is the user's own file with other values, or without one a section of amcl.
@@ -198,10 +198,12 @@ def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
     if params is None:
         file.write_bytes(_make_parameter_file(winner))
     else:
-        before, robot = _read_silently(params), split_robot_name(params)[1]
+        before, robot = _read_without_warnings(params), split_robot_name(params)[1]
         changed = {name: getattr(winner, name) for name in find_differing_names(before, winner)}
         file.write_bytes(_edit_parameters(params, changed))
-    if find_differing_names(_read_silently(Path(f"{file}:{robot}") if robot else file), winner):
+    if find_differing_names(
+        _read_without_warnings(Path(f"{file}:{robot}") if robot else file), winner
+    ):
         raise LocplanError(f"{file}: could not be written as it was meant to be")
 
 
@@ -227,7 +229,7 @@ def _edit_parameters(params: Path, values: Mapping[str, float | str]) -> bytes:
     return edit_parameters(params, "amcl", values)
 
 
-def _read_silently(file: Path) -> Amcl:
+def _read_without_warnings(file: Path) -> Amcl:
     """The settings in a file, about which was warned before."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)

@@ -16,15 +16,15 @@ from locplan._support.poses import Poses, wrap_angles
 from locplan._support.records import POSE, Column, Table
 from locplan._support.saved import EqualByValue
 from locplan.planning.path import Path
-from locplan.simulation.drives import check_drives, rate_column
+from locplan.simulation.drives import check_drives, make_rate_column
 
 ARRIVED, ELSEWHERE, ABORTED, TIMED_OUT = "arrived", "elsewhere", "aborted", "timed out"
 """How a drive ends; elsewhere, the robot believes to be at the goal, and is not. Aborted, it
 stood still too often, or its estimate jumped too far from the path."""
 NEAR_GOAL = 0.5
 """Distance from the goal within which a robot reaches it [m]."""
-FOLLOWER: str = "follower"
-WORLD: str = "world"
+FOLLOWER_FAULT: str = "follower"
+WORLD_FAULT: str = "world"
 """What is at fault where a drive fails with perfect localization, too: the follower, or a world
 in which no way leads to the goal."""
 
@@ -60,7 +60,7 @@ LEAVES: str = f"leaves the path by {PLACE_SEPARATION:g} m"
 STOPS: str = "stops"
 ENDS: str = "ends"
 """What is at a place."""
-NOWHERE = np.empty((0, 3))
+NO_POSES = np.empty((0, 3))
 Place = tuple[float, float, float]
 
 
@@ -85,9 +85,9 @@ class Arrival(EqualByValue):
     fault: str = ""
     """What fails with perfect localization, too: the follower, or the world, in which no way leads
     to the goal; empty if nothing does."""
-    truth: Poses = field(default_factory=NOWHERE.copy, compare=False)
+    truth: Poses = field(default_factory=NO_POSES.copy, compare=False)
     """The true poses every 0.1 s, (n, 3), in the world [m, m, rad]; none in what was loaded."""
-    believed: Poses = field(default_factory=NOWHERE.copy, compare=False)
+    believed: Poses = field(default_factory=NO_POSES.copy, compare=False)
     """The filter's poses, (n, 3), in the world [m, m, rad]."""
 
     @classmethod
@@ -151,7 +151,7 @@ class Arrivals(EqualByValue):
         return np.array([drive.outcome == ARRIVED for drive in self.drives], bool)
 
     @property
-    def count(self) -> int:
+    def n_reached(self) -> int:
         """Number of the drives that arrive."""
         return int(self.has_reached_goal.sum())
 
@@ -165,24 +165,24 @@ class Arrivals(EqualByValue):
     def arrivals_text(self) -> str:
         """How many of the drives arrive, with the share's 95 % interval."""
         _, low, high = self.arrival_rate
-        return f"{self.count} of {len(self.drives)} [{100 * low:.0f}, {100 * high:.0f} %]"
+        return f"{self.n_reached} of {len(self.drives)} [{100 * low:.0f}, {100 * high:.0f} %]"
 
     @property
     def arrival_rate(self) -> Interval:
         """Share of the drives that arrive, 0..1, with its 95 % interval."""
-        return self.rate(ARRIVED)
+        return self.compute_rate(ARRIVED)
 
     @property
     def abort_rate(self) -> Interval:
         """Share of the drives that are aborted, 0..1, with its 95 % interval."""
-        return self.rate(ABORTED)
+        return self.compute_rate(ABORTED)
 
     @property
     def standstills(self) -> float:
         """Mean number of standstills before a wall per drive."""
         return float(np.mean([drive.standstills for drive in self.drives]))
 
-    def rate(self, ending: str) -> Interval:
+    def compute_rate(self, ending: str) -> Interval:
         """Share of the drives with this outcome or this fault, 0..1, with its 95 % interval.
 
         Parameters
@@ -213,22 +213,22 @@ ENDINGS = {
     ELSEWHERE: ("elsewhere", "stops at a wrong place"),
     ABORTED: ("aborted", "is aborted"),
     TIMED_OUT: ("timed_out", "runs out of time"),
-    FOLLOWER: ("follower_fails", "fails with perfect localization, too"),
-    WORLD: ("no_way", "has no way in its world"),
+    FOLLOWER_FAULT: ("follower_fails", "fails with perfect localization, too"),
+    WORLD_FAULT: ("no_way", "has no way in its world"),
 }
 """Name in files and words of each outcome and fault."""
 
 
 def _make_ending_column(ending: str) -> Column:
-    return rate_column(*ENDINGS[ending], lambda arrivals: arrivals.rate(ending))
+    return make_rate_column(*ENDINGS[ending], lambda arrivals: arrivals.compute_rate(ending))
 
 
-SHARES: tuple[Column, ...] = tuple(map(_make_ending_column, ENDINGS))
+ENDING_COLUMNS: tuple[Column, ...] = tuple(map(_make_ending_column, ENDINGS))
 """Columns of the shares of drives by their ends."""
-ARRIVING: tuple[Column, ...] = (
-    SHARES[0],
+ARRIVAL_COLUMNS: tuple[Column, ...] = (
+    ENDING_COLUMNS[0],
     Column("standstills", title="standstills before a wall, per drive", digits=1),
-    *SHARES[1:],
+    *ENDING_COLUMNS[1:],
 )
 """Columns of `Arrivals`."""
 
@@ -264,7 +264,7 @@ def describe_faults(*arrivals: Arrivals) -> str:
         Closed-loop drives along some paths.
     """
     faults = [drive.fault for path_arrivals in arrivals for drive in path_arrivals.drives]
-    words = {FOLLOWER: "fail with perfect localization, too", WORLD: "have no way"}
+    words = {FOLLOWER_FAULT: "fail with perfect localization, too", WORLD_FAULT: "have no way"}
     fault_texts = [
         f"{faults.count(fault)} {text}" for fault, text in words.items() if fault in faults
     ]

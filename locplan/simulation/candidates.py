@@ -31,10 +31,10 @@ from locplan.planning.requests import make_planner
 from locplan.planning.results import ParetoFront, Plan
 from locplan.robots.lidar import Lidar
 from locplan.robots.robot import Robot
-from locplan.simulation.problem import NEAR, PlanningProblem, compute_distances
+from locplan.simulation.problem import MAX_PLACE_DISTANCE, PlanningProblem, compute_distances
 from locplan.simulation.worlds import Window, compute_inflated_density, make_path_poses, make_window
 
-WEIGHTS = tuple(share * LidarEstimator.weight for share in (0.5, 1.0, 1.5))
+AWARE_WEIGHTS = tuple(share * LidarEstimator.weight for share in (0.5, 1.0, 1.5))
 """Weights of the degeneracy u of the aware paths, about the default one."""
 
 
@@ -52,7 +52,7 @@ class PlanningArea:
     """Candidates until now, the shortest first."""
 
     @cached_property
-    def clear(self) -> NDArray[np.float64]:
+    def clear_density(self) -> NDArray[np.float64]:
         """Density that keeps off the walls."""
         return 1 + 3 * np.exp(-(self.grid.clearance - self.robot.radius) / 0.4)
 
@@ -67,7 +67,7 @@ class PlanningArea:
         return np.exp(-(self._compute_distances(*self.accepted.values()) ** 2))
 
     @property
-    def cut(self) -> NDArray[np.bool_]:
+    def middle_mask(self) -> NDArray[np.bool_]:
         """Cells within 1.5 m of the middle of the shortest path."""
         shortest = self.accepted[SHORTEST]
         middle = [np.interp(shortest.length / 2, shortest.distance, v) for v in shortest.xy.T]
@@ -137,7 +137,7 @@ def find_blocked_cells(
     return blocked if max_e is None else blocked | (costs.e[window] > max_e)
 
 
-Density: TypeAlias = Callable[[PlanningArea], NDArray[np.float64]]
+DensityFunction: TypeAlias = Callable[[PlanningArea], NDArray[np.float64]]
 """Cost per metre of each cell of a part of a map."""
 
 
@@ -145,27 +145,31 @@ AWARE_NAME = "aware, weight "
 """Beginning of the names of aware paths; their weight follows."""
 
 
-def make_aware_density(weight: float) -> dict[str, Density]:
+def make_aware_density(weight: float) -> dict[str, DensityFunction]:
     return {f"{AWARE_NAME}{weight:g}": lambda part: 1 + weight * part.u}
 
 
-INFLATED: dict[str, Density] = {"inflated": lambda part: part.inflated_density}
+INFLATED_DENSITIES: dict[str, DensityFunction] = {"inflated": lambda part: part.inflated_density}
 """That of the robot's own inflated costmap, on which its navigation would plan."""
-DENSITIES: dict[str, Density] = {
-    "clear of walls": lambda part: part.clear,
+FIELDLESS_DENSITIES: dict[str, DensityFunction] = {
+    "clear of walls": lambda part: part.clear_density,
     "along walls": lambda part: 1 + 3 * np.minimum(abs(part.grid.clearance - 0.6), 1.5),
     "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.grid.clearance - 1), 2),
-    "detour": lambda part: part.clear + 50 * part.cut,
+    "detour": lambda part: part.clear_density + 50 * part.middle_mask,
     "way around 1": lambda part: 1 + 1.2 * part.proximity,
     "way around 2": lambda part: 1 + 2.5 * part.proximity,
-    "clear way around 1": lambda part: part.clear + 1.2 * part.proximity,
-    "clear way around 2": lambda part: part.clear + 2.5 * part.proximity,
+    "clear way around 1": lambda part: part.clear_density + 1.2 * part.proximity,
+    "clear way around 2": lambda part: part.clear_density + 2.5 * part.proximity,
 }
 """Those that need no field, whose paths must be others than those before. They were found to lower
 the error of filters; the first is the best of them."""
-AWARE: dict[str, Density] = {
-    **{name: density for weight in WEIGHTS for name, density in make_aware_density(weight).items()},
-    "aware and clear": lambda part: part.clear + 8 * part.u,
+AWARE_DENSITIES: dict[str, DensityFunction] = {
+    **{
+        name: density
+        for weight in AWARE_WEIGHTS
+        for name, density in make_aware_density(weight).items()
+    },
+    "aware and clear": lambda part: part.clear_density + 8 * part.u,
 }
 """Those that need a field, whose paths are candidates however near another one they are."""
 
@@ -193,7 +197,7 @@ def compute_candidate_density(
     area = PlanningArea(costs.grid, costs.u, robot, before)
     if name == SHORTEST:
         return np.ones(costs.grid.shape)
-    if density := {**INFLATED, **DENSITIES, **AWARE}.get(name):
+    if density := {**INFLATED_DENSITIES, **FIELDLESS_DENSITIES, **AWARE_DENSITIES}.get(name):
         return density(area)
     if name.startswith(AWARE_NAME):
         return 1 + float(name.removeprefix(AWARE_NAME)) * costs.u
@@ -210,7 +214,7 @@ def compute_path_deviation(path: Path, field: CovarianceField) -> tuple[float, f
     return float(deviation.mean()), float(deviation.max())
 
 
-MARGIN = 3.0
+REGION_MARGIN = 3.0
 """Margin of the part of the map that paths are planned on; clearance counts up to there [m]."""
 
 
@@ -241,7 +245,7 @@ class SearchRegion(PlanningArea):
         y = along * math.sin(turn) + across * math.cos(turn)
         xy = (start + goal) / 2 + np.column_stack([x, y])
         cells = np.column_stack(costs.grid.world_to_grid(*xy.T))
-        window = make_window(costs.grid, cells, MARGIN / costs.grid.resolution)
+        window = make_window(costs.grid, cells, REGION_MARGIN / costs.grid.resolution)
         grid, u = costs.grid.crop(*window), costs.u[window]
         return cls(grid, u, problem.robot, {SHORTEST: shortest}, costs, window, problem, longest)
 
@@ -288,45 +292,45 @@ class SearchRegion(PlanningArea):
         area = self.whole_map if weight in self.requested_weights else self
         return area.plan_candidate(1 + weight * area.u)
 
-    def aware_paths(self, weights: Iterable[float]) -> list[Path]:
+    def plan_aware_paths(self, weights: Iterable[float]) -> list[Path]:
         """The shortest path, and the aware paths of some weights and of the requested ones."""
         paths = map(self.plan_aware, sorted({*weights, *self.requested_weights}))
         return [self.accepted[SHORTEST], *(path for path in paths if isinstance(path, Path))]
 
 
 def generate_candidates(
-    part: SearchRegion, user_candidates: UserCandidates
+    region: SearchRegion, user_candidates: UserCandidates
 ) -> tuple[dict[str, Path], dict[str, str]]:
     """All candidates by name, the shortest first, and why others are none."""
-    accepted, left_out = part.accepted, dict[str, str]()
+    accepted, left_out = region.accepted, dict[str, str]()
     user_paths = {
         name: path
         for name, path in user_candidates.items()
-        if isinstance(path, Path) and not part.problem.find_violated_limit(path, part.costs)
+        if isinstance(path, Path) and not region.problem.find_violated_limit(path, region.costs)
     }
-    densities: dict[str, Density] = {**INFLATED, **DENSITIES}
-    requested: dict[str, Density] = {}
-    if not math.isnan(part.costs.weight):
-        for weight in part.requested_weights:
+    densities: dict[str, DensityFunction] = {**INFLATED_DENSITIES, **FIELDLESS_DENSITIES}
+    requested: dict[str, DensityFunction] = {}
+    if not math.isnan(region.costs.weight):
+        for weight in region.requested_weights:
             requested |= make_aware_density(weight)
-        densities |= AWARE | requested
+        densities |= AWARE_DENSITIES | requested
     for name, density in densities.items():
-        area = part.whole_map if name in requested else part
+        area = region.whole_map if name in requested else region
         path = area.plan_candidate(density(area))
         # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m away from all.
         # What Nav2 would drive is shown beside, and takes no other path's place.
-        limits = (0.35, 0.1) if name in DENSITIES else (0.1, 0.0)
+        limits = (0.35, 0.1) if name in FIELDLESS_DENSITIES else (0.1, 0.0)
         if isinstance(path, str):
             left_out[name] = path
-        elif twin := find_twin(path, {**accepted, **user_paths}, 0.1, 0.0):
+        elif twin := find_equal_path(path, {**accepted, **user_paths}, 0.1, 0.0):
             left_out[name] = f"same path as {short_repr(twin)}"
-        elif twin := find_twin(path, _drop_paths(accepted, INFLATED), *limits):
+        elif twin := find_equal_path(path, _drop_paths(accepted, INFLATED_DENSITIES), *limits):
             left_out[name] = f"nearly the same path as {short_repr(twin)}"
         else:
             accepted[name] = path
-    reserved = {*INFLATED, *DENSITIES, *AWARE, *densities}
+    reserved = {*INFLATED_DENSITIES, *FIELDLESS_DENSITIES, *AWARE_DENSITIES, *densities}
     add_user_candidates(
-        user_candidates, accepted, left_out, part.costs, part.problem, reserved=reserved
+        user_candidates, accepted, left_out, region.costs, region.problem, reserved=reserved
     )
     return accepted, left_out
 
@@ -335,7 +339,9 @@ def _drop_paths(paths: Mapping[str, Path], names: Collection[str]) -> dict[str, 
     return {name: path for name, path in paths.items() if name not in names}
 
 
-def find_twin(path: Path, other_paths: Mapping[str, Path], distance: float, share: float) -> str:
+def find_equal_path(
+    path: Path, other_paths: Mapping[str, Path], distance: float, share: float
+) -> str:
     """Name of the first path that all but a share of a path's points are near [m], or none."""
     points = path.resample(0.25, even=True).xy
     for name, other in other_paths.items():
@@ -430,10 +436,10 @@ def check_user_candidates(user_candidates: UserCandidates, problem: PlanningProb
             ("start", problem.start, path.xy[0]),
             ("goal", problem.goal, path.xy[-1]),
         ):
-            if math.hypot(x - at[0], y - at[1]) > NEAR:
+            if math.hypot(x - at[0], y - at[1]) > MAX_PLACE_DISTANCE:
                 raise ConfigError(
                     f"candidate {short_repr(name)} has its {end} at {x:.2f},{y:.2f}, more than"
-                    f" {NEAR:g} m from the {end} that was asked for"
+                    f" {MAX_PLACE_DISTANCE:g} m from the {end} that was asked for"
                 )
     for name, path in paths.items():
         make_path_poses(path, problem.grid, f"candidate {name}")

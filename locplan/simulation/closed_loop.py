@@ -24,22 +24,22 @@ from locplan.simulation.arrivals import (
     ABORTED,
     ARRIVED,
     ELSEWHERE,
-    FOLLOWER,
+    FOLLOWER_FAULT,
     NEAR_GOAL,
     TIMED_OUT,
-    WORLD,
+    WORLD_FAULT,
     Arrival,
 )
 from locplan.simulation.custom_filters import CustomFilterLoop
-from locplan.simulation.simulator import CLOSED, Simulator
+from locplan.simulation.simulator import CLOSED_LOOP_STREAM, Simulator
 from locplan.simulation.worlds import Stage, compute_inflated_density, get_inflation
 
-POINTS = 0.05
+POINT_SPACING = 0.05
 """Distance between the points of a path that is followed [m]."""
-SIGHT, JOIN, AROUND = 3.0, (1.0, 5.0), 8.0
+SIGHT_RANGE, JOIN_DISTANCES, SCENE_RANGE = 3.0, (1.0, 5.0), 8.0
 """A new plan knows the true walls so far away, joins the path so far ahead, and is made on the map
 so far around the robot [m]."""
-LEAVE, LEAVING = 0.3, 50.0
+LEAVE_DISTANCE, LEAVE_COST = 0.3, 50.0
 """Distance from the robot in which a new plan may come too near to walls [m], and its cost there
 per metre."""
 
@@ -52,13 +52,13 @@ class Replanner:
     """The map that is driven in; all poses are in its own axes."""
     robot: Robot
     """The robot."""
-    closed: Bools
+    no_go: Bools
     """Mask of the cells in no-go zones, (H, W)."""
 
     @cached_property
     def density(self) -> Floats:
         """Cost per metre of each cell on the inflated map, (H, W)."""
-        return np.where(self.closed, np.inf, self._compute_density(self.grid.clearance))
+        return np.where(self.no_go, np.inf, self._compute_density(self.grid.clearance))
 
     def plan_car_way(self, way: Floats, truth: Floats, believed: Floats, world: Any) -> Floats:
         """A way (n, 4) of a car-like robot round what it sees in its way, by the lattice planner.
@@ -91,7 +91,7 @@ class Replanner:
         ends = [fault.along + fault.length for fault in faults if fault.kind == "collision"]
         if not ends:
             return way
-        join = min(int(np.searchsorted(ahead.distance, ends[0] + JOIN[0])), len(near) - 1)
+        join = min(int(np.searchsorted(ahead.distance, ends[0] + JOIN_DISTANCES[0])), len(near) - 1)
         robot = replace(self.robot, margin=0.0, goal_tolerance=0.0)
         costs = Costmap.from_density(local_map, density, robot=robot)
         first = (*(believed[:2] - shift).tolist(), float(believed[2]))
@@ -102,7 +102,7 @@ class Replanner:
         detour = Lattice().solve(costs, first, last).path
         if detour is None:
             return way
-        even = detour.resample(POINTS, even=True)
+        even = detour.resample(POINT_SPACING, even=True)
         new = add_gears(np.column_stack([even.xy + shift, even.facing]))
         return np.concatenate([new, way[join + 1 :]])
 
@@ -122,25 +122,25 @@ class Replanner:
         start = np.floor(believed[1::-1] / resolution).astype(int) - low
         density[self.grid.cells[window] != FREE] = np.inf
         density[tuple(walls.T)] = np.inf
-        density[tuple(start)] = LEAVING
+        density[tuple(start)] = LEAVE_COST
 
         half, columns = make_bordered_half(density, 1), density.shape[1] + 2
         costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
         along = compute_travel_distances(way)
         points = np.floor(way[:, ::-1] / resolution).astype(int) - low
-        able = _are_inside(points, density.shape) & (along >= min(JOIN[0], along[-1]))
+        able = _are_inside(points, density.shape) & (along >= min(JOIN_DISTANCES[0], along[-1]))
         flat = (points[able] + 1) @ (columns, 1)
         cost = np.full(len(way), np.inf)
         cost[able] = resolution * costs[flat]
         cost += _compute_cost_to_end(way, along, points, density)
-        soon = np.where(along <= JOIN[1], cost, np.inf)
+        soon = np.where(along <= JOIN_DISTANCES[1], cost, np.inf)
         best = int(np.argmin(soon if np.isfinite(soon).any() else cost))
         if not np.isfinite(cost[best]):
             return np.asarray(way)
         cells = trace_path(half, columns, costs, (points[best] + 1) @ (columns, 1), False)
         centres = (np.column_stack(np.divmod(cells, columns)[::-1]) - 0.5 + low[::-1]) * resolution
         if len(centres) > 1:
-            centres = Path(centres).resample(POINTS).xy
+            centres = Path(centres).resample(POINT_SPACING).xy
         # The goal stays where it is, and not at the centre of its cell.
         return np.concatenate([centres, way[min(best + 1, len(way) - 1) :]])
 
@@ -150,7 +150,10 @@ class Replanner:
         """The first cell of the part around the believed pose, its density, the cells of walls that
         are seen in it, and its slices of the map; None off the map."""
         resolution = self.grid.resolution
-        robot_cell, reach = np.floor(believed[1::-1] / resolution).astype(int), AROUND / resolution
+        robot_cell, reach = (
+            np.floor(believed[1::-1] / resolution).astype(int),
+            SCENE_RANGE / resolution,
+        )
         low = np.maximum(robot_cell - math.ceil(reach), 0)
         window = tuple(
             slice(a, max(b, 0)) for a, b in zip(low, robot_cell + math.ceil(reach), strict=True)
@@ -166,14 +169,14 @@ class Replanner:
         walls = walls[_are_inside(walls, density.shape)]
         self._raise_density(walls, density)
         # A robot that stands too near to a wall may leave, at a price.
-        leave = int(LEAVE / resolution)
+        leave = int(LEAVE_DISTANCE / resolution)
         leave_window = tuple(
             slice(max(0, coordinate - leave), coordinate + leave + 1)
             for coordinate in robot_cell - low
         )
-        density[leave_window] = np.minimum(density[leave_window], LEAVING)
-        if not self.closed[tuple(robot_cell)]:  # a robot that is lost may have to leave a zone
-            density[self.closed[window]] = np.inf
+        density[leave_window] = np.minimum(density[leave_window], LEAVE_COST)
+        if not self.no_go[tuple(robot_cell)]:  # a robot that is lost may have to leave a zone
+            density[self.no_go[window]] = np.inf
         return low, density, walls, window
 
     def _raise_density(self, walls: Ints, density: Floats) -> None:
@@ -198,19 +201,19 @@ class Replanner:
     def _find_seen_walls(self, truth: Floats, world: Any) -> Poses:
         """Centres of the true walls near the robot, with heading 0 [m, m, rad]."""
         resolution = world.resolution
-        low = np.maximum((truth[1::-1] - SIGHT) / resolution, 0).astype(int)
-        high = np.maximum(np.ceil((truth[1::-1] + SIGHT) / resolution), 0).astype(int)
+        low = np.maximum((truth[1::-1] - SIGHT_RANGE) / resolution, 0).astype(int)
+        high = np.maximum(np.ceil((truth[1::-1] + SIGHT_RANGE) / resolution), 0).astype(int)
         stops = world.squares[0, 1:-1, 1:-1][low[0] : high[0], low[1] : high[1]] == 0
         rows, cols = np.nonzero(stops)
         xy = (np.column_stack([cols + low[1], rows + low[0]]) + 0.5) * resolution
-        return at_heading_0(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT])
+        return poses_from_positions(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT_RANGE])
 
 
 def _compute_cost_to_end(way: Floats, along: Floats, points: Ints, density: Floats) -> Floats:
     """Cost of the rest of a way from each of its points; a metre costs 1 outside of the density."""
     price = np.ones(len(way))
     inside = _are_inside(points, density.shape)
-    price[inside] = np.minimum(density[tuple(points[inside].T)], LEAVING)
+    price[inside] = np.minimum(density[tuple(points[inside].T)], LEAVE_COST)
     steps = np.diff(along) * (price[1:] + price[:-1]) / 2
     return np.append(np.cumsum(steps[::-1])[::-1], 0.0)
 
@@ -226,7 +229,7 @@ def add_gears(poses: Poses) -> Floats:
     return way
 
 
-def at_heading_0(xy: Floats) -> Poses:
+def poses_from_positions(xy: Floats) -> Poses:
     """Poses at positions, with heading 0."""
     return np.column_stack([xy, np.zeros(len(xy))])
 
@@ -235,9 +238,9 @@ def _are_inside(cells: NDArray[Any], shape: tuple[int, ...]) -> Bools:
     return np.asarray(((cells >= 0) & (cells < shape)).all(axis=1))
 
 
-PATIENCE = 60.0, 3.0
+TIME_LIMITS = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
-RETREAT = 0.15
+RETREAT_SPEED = 0.15
 """Speed of backing off [m/s]."""
 
 
@@ -253,7 +256,7 @@ class ClosedLoop:
     @cached_property
     def stage(self) -> Stage:
         """The whole map, for a lost robot may drive anywhere."""
-        return self.simulator.stage()
+        return self.simulator.make_stage()
 
     @property
     def grid(self) -> OccupancyGrid:
@@ -280,7 +283,7 @@ class ClosedLoop:
             speed=kinematics.speed,
             tolerance=robot.goal_tolerance,
             radius=kinematics.turning_radius,
-            retreat=0.0 if self._is_car and not kinematics.reverse else RETREAT,
+            retreat=0.0 if self._is_car and not kinematics.reverse else RETREAT_SPEED,
         )
 
     @property
@@ -294,12 +297,12 @@ class ClosedLoop:
         closed = self.simulator.zones.cells(self.grid, "no-go")
         return Replanner(self.grid, self.simulator.robot, closed)
 
-    def world(self, route: int, number: int) -> Any:
-        """Return the world of a drive of a route, see `locplan.simulation.driver.route_key`."""
+    def make_world(self, route: int, number: int) -> Any:
+        """Return the world of a drive of a route, by the key of `driver.compute_route_key`."""
         from locplan.simulation.kernels.bodies import Surroundings
 
         # Nobody knows what stands in unknown cells: they are no walls, as in the lidar's world.
-        return Surroundings(self.stage.world(route, number), self.grid.resolution)
+        return Surroundings(self.stage.make_world(route, number), self.grid.resolution)
 
     def drive(self, name: str, world: Any, route: int, number: int) -> Arrival:
         """Drive once along a path; a drive that fails is repeated with perfect localization."""
@@ -311,7 +314,7 @@ class ClosedLoop:
             control = self._drive_once(name, world, (route, number), perfect=True)
         if control.outcome == ARRIVED:
             return arrival
-        return replace(arrival, fault=FOLLOWER if self._has_way(name, world) else WORLD)
+        return replace(arrival, fault=FOLLOWER_FAULT if self._has_way(name, world) else WORLD_FAULT)
 
     def _has_way(self, name: str, world: Any) -> bool:
         """Whether a disc within the outline fits through a world from the start to the goal; for a
@@ -335,7 +338,9 @@ class ClosedLoop:
         from scipy.ndimage import label
 
         rooms, _ = label(OccupancyGrid(cells, resolution).clearance >= clearance)
-        ends = world_to_map_frame(self.grid, at_heading_0(self.paths[name].xy[[0, -1]]))[:, 1::-1]
+        ends = world_to_map_frame(self.grid, poses_from_positions(self.paths[name].xy[[0, -1]]))[
+            :, 1::-1
+        ]
         reach = self.body.tolerance
         low, high = (
             np.maximum(np.ceil((ends + offset) / resolution), 0).astype(int)
@@ -349,7 +354,7 @@ class ClosedLoop:
         from locplan.simulation.kernels.bodies import measure_margin
         from locplan.simulation.kernels.pursuit import MARGIN
 
-        path = path.resample(POINTS / 2)
+        path = path.resample(POINT_SPACING / 2)
         poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
         return all(measure_margin(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
 
@@ -358,10 +363,10 @@ class ClosedLoop:
     ) -> Arrival:
         from locplan.simulation.kernels import follower, pursuit
 
-        random = make_generator(self.simulator.seed, CLOSED, *drive)
+        random = make_generator(self.simulator.seed, CLOSED_LOOP_STREAM, *drive)
         way, first = self._make_way(name)
         length = self.paths[name].length
-        ticks = (PATIENCE[0] + PATIENCE[1] * length / self.body.speed) / pursuit.TICK
+        ticks = (TIME_LIMITS[0] + TIME_LIMITS[1] * length / self.body.speed) / pursuit.TICK
         trace = self._make_trace(random, first, round(ticks))
         follow = self._make_follower(random, world, trace, perfect)
         while (decision := follow(way)) == follower.PLAN:
@@ -389,7 +394,7 @@ class ClosedLoop:
     def _make_way(self, name: str) -> tuple[Floats, Floats]:
         """The way of a path as the follower takes it, with headings where the robot is a car, and
         the pose that it begins at."""
-        path = self.paths[name].resample(POINTS, even=True)
+        path = self.paths[name].resample(POINT_SPACING, even=True)
         poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
         if self._is_car:
             return add_gears(poses), poses[0]
@@ -450,6 +455,6 @@ def _discs_from_outline(robot: Robot) -> Floats:
     corners = robot.outline.vertices
     sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
     edge = np.concatenate(
-        [a + np.arange(0, 1, POINTS / math.dist(a, b))[:, None] * (b - a) for a, b in sides]
+        [a + np.arange(0, 1, POINT_SPACING / math.dist(a, b))[:, None] * (b - a) for a, b in sides]
     )
-    return np.column_stack([edge, np.full(len(edge), POINTS / 2)])
+    return np.column_stack([edge, np.full(len(edge), POINT_SPACING / 2)])

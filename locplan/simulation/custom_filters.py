@@ -14,7 +14,7 @@ from locplan.robots.amcl import Tracker
 from locplan.simulation.drives import CustomFilter, DriveArguments
 
 
-def track(
+def track_drive(
     random: np.random.Generator,
     truth: Poses,
     reported: Poses,
@@ -112,14 +112,14 @@ class CustomFilterLoop:
             if perfect:
                 trace.believed[n] = trace.truth[n]
             elif n > self.sensed:
-                believe(self._pose_at(n, surroundings), self.frame, trace)
+                believe(self._estimate_pose(n, surroundings), self.frame, trace)
                 self.sensed = n
             decision: int = decide(way, surroundings, body, period, trace)
             if decision != GO:
                 return decision
             apply_command(self.random, surroundings, body, arguments.odometry, trace)
 
-    def _pose_at(self, n: int, surroundings: Any) -> tuple[float, ...]:
+    def _estimate_pose(self, n: int, surroundings: Any) -> tuple[float, ...]:
         x, y, heading = self.trace.truth[n]
         resolution, arguments = surroundings.resolution, self.arguments
         cell = np.array([y / resolution, x / resolution, heading])

@@ -26,18 +26,18 @@ from locplan.simulation.levels import NO_FAULT, Level, select_paths
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.worlds import add_way_back, make_path_poses, rotate_errors
 
-CHOOSING, FRESH = 10_000, 20_000
+FIRST_CHOOSING_DRIVE, FIRST_FRESH_DRIVE = 10_000, 20_000
 """First numbers of the drives that choose among alternatives, and of those that confirm what was
 chosen on the drives from 0 on.
 
 Drives from 0 on are those that every command reports, so that reports agree. The drives that choose
 an alternative promise too much of it, and must not be those that judge it: they have other
 numbers."""
-ARRAYS = 4
+N_POSE_ARRAYS = 4
 """Number of arrays of all poses that are in memory at once."""
 
 
-def route_key(path: Path | Sequence[Sequence[float]]) -> int:
+def compute_route_key(path: Path | Sequence[Sequence[float]]) -> int:
     """Return the number that stands for a route: a digest of its start and goal, to 1 mm.
 
     Parameters
@@ -81,8 +81,8 @@ def drive_open(
     level : Level, by default the usual one
         The level of disturbance, see `locplan.simulation.levels`.
     route : int, optional
-        Key of the route that all paths belong to, see `route_key`; by default each belongs to that
-        of its ends.
+        Key of the route that all paths belong to, see `compute_route_key`; by default each path
+        belongs to the route of its ends.
     progress : callable, optional
         Called with (done, total) drives.
 
@@ -103,15 +103,17 @@ def drive_open(
     }
     paths = select_paths(level, paths, simulator.grid)
     poses = {name: add_way_back(poses[name]) if level.leads_back else poses[name] for name in paths}
-    size = len(numbers) * sum(path_poses.size for path_poses in poses.values()) * ARRAYS * 8
+    size = len(numbers) * sum(path_poses.size for path_poses in poses.values()) * N_POSE_ARRAYS * 8
     check_memory(f"{len(numbers)} drives of {len(paths)} paths", size, "drive fewer")
     errors = {
         name: np.empty((len(numbers), *path_poses.shape)) for name, path_poses in poses.items()
     }
-    setups = {name: simulator.line_setups(path, poses[name], level) for name, path in paths.items()}
+    setups = {
+        name: simulator.make_line_setups(path, poses[name], level) for name, path in paths.items()
+    }
     routes = _group_by_route(paths, route)
     stages = {
-        key: simulator.stage([line for name in names for line, _ in setups[name]])
+        key: simulator.make_stage([line for name in names for line, _ in setups[name]])
         for key, names in routes.items()
     }
     # A task makes a world for its paths: they are split where tasks are fewer than threads.
@@ -126,7 +128,7 @@ def drive_open(
     def run(n: int) -> None:
         key, names, place = tasks[n]
         stage, number = stages[key], numbers[place]
-        world = stage.world(key, number)
+        world = stage.make_world(key, number)
         for name in names:
             line, arguments = setups[name][number % len(setups[name])]
             errors[name][place] = stage.drive(line, world, key, number, arguments, level)
@@ -181,7 +183,7 @@ def drive_closed(
 
     def run(n: int) -> None:
         key, place = tasks[n]
-        world = loop.world(key, numbers[place])
+        world = loop.make_world(key, numbers[place])
         for name in routes[key]:
             arrivals[name][place] = loop.drive(name, world, key, numbers[place])
 
@@ -194,5 +196,5 @@ def _group_by_route(paths: Mapping[str, Path], route: int | None) -> dict[int, l
     """Return the names of the paths of each route by its key."""
     routes: dict[int, list[str]] = {}
     for name, path in paths.items():
-        routes.setdefault(route_key(path) if route is None else route, []).append(name)
+        routes.setdefault(compute_route_key(path) if route is None else route, []).append(name)
     return routes

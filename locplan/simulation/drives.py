@@ -31,25 +31,27 @@ MAX_DRIVES = 100_000
 """Maximum number of drives along a path, or to a place."""
 DEFAULT_DRIVES = 100
 """Default number of drives along a path."""
-LOST = 1.0
+LOST_DISTANCE = 1.0
 """Error of the position above which a robot is lost at any time of a drive, and off at the end
 where the drive ends [m]."""
-OFF: str = f"off by more than {LOST:g} m"
+LOST_TEXT: str = f"off by more than {LOST_DISTANCE:g} m"
 """The definition of lost in sentences."""
-OFF_SHORT: str = f"off by > {LOST:g} m"
+LOST_SHORT_TEXT: str = f"off by > {LOST_DISTANCE:g} m"
 """The definition of lost in figures and headings of tables."""
-FLOOR = 1e-6
+MIN_MEAN_SQUARE = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
 
 
-def rate_column(name: str, title: str, value: Callable[[Any], Interval] | None = None) -> Column:
+def make_rate_column(
+    name: str, title: str, value: Callable[[Any], Interval] | None = None
+) -> Column:
     """Column of a share of drives with its interval."""
     return Column(name, "", title, 0, "%", interval=True, value=value)
 
 
-RATES: tuple[Column, ...] = (
-    rate_column("lost_rate", f"lost ({OFF_SHORT})"),
-    rate_column("off_at_end_rate", f"off at the end (> {LOST:g} m)"),
+RATE_COLUMNS: tuple[Column, ...] = (
+    make_rate_column("lost_rate", f"lost ({LOST_SHORT_TEXT})"),
+    make_rate_column("off_at_end_rate", f"off at the end (> {LOST_DISTANCE:g} m)"),
 )
 """Columns of shares of the drives that go wrong, with 95 % intervals."""
 DRIVE_COLUMNS = (
@@ -57,14 +59,14 @@ DRIVE_COLUMNS = (
     Column("length", "m", "length"),
     Column("typical_rmse", "m", "error of a typical drive", interval=True),
     Column("median_error", "m", "median error", interval=True),
-    *RATES,
+    *RATE_COLUMNS,
     Column("kept_rmse", "m", "RMSE of those never lost", interval=True),
     Column("rmse", "m", "RMSE of all", interval=True),
     Column("final_rmse", "m", "RMSE at the end", interval=True),
     Column("heading_rmse", "rad", "heading RMSE", 1, "deg", interval=True),
 )
 """Columns of `Drives`: their length and errors, with 95 % intervals over the drives."""
-PROFILE = (
+PROFILE_COLUMNS = (
     Column("distance", "m"),
     *POSE,
     *(Column(f"error_{statistic}", "m") for statistic in ("mean", "median")),
@@ -162,7 +164,7 @@ class Drives(RateProperties):
     @property
     def typical_rmse(self) -> Interval:
         """RMSE of a typical drive [m], at least 1 mm: the geometric mean over the drives."""
-        return estimate_geometric_mean(np.sqrt(self.mean_squares + FLOOR))
+        return estimate_geometric_mean(np.sqrt(self.mean_squares + MIN_MEAN_SQUARE))
 
     @property
     def heading_rmse(self) -> Interval:
@@ -177,22 +179,22 @@ class Drives(RateProperties):
     @property
     def lost(self) -> Bools:
         """True for each drive that was lost, (drives,)."""
-        return np.asarray(self.position_error.max(axis=1) > LOST)
+        return np.asarray(self.position_error.max(axis=1) > LOST_DISTANCE)
 
     @property
     def off_at_end(self) -> Bools:
         """True for each drive that is off at the end, (drives,)."""
-        return np.asarray(self.position_error[:, -1] > LOST)
+        return np.asarray(self.position_error[:, -1] > LOST_DISTANCE)
 
     @property
     def lost_way(self) -> Interval:
         """Share of the poses at which the robot was lost, 0..1."""
-        return estimate_mean((self.position_error > LOST).mean(axis=1))
+        return estimate_mean((self.position_error > LOST_DISTANCE).mean(axis=1))
 
     @property
     def first_loss(self) -> float:
         """Median distance [m] until the robot is lost; infinite if half never were."""
-        is_lost = self.position_error > LOST
+        is_lost = self.position_error > LOST_DISTANCE
         at = self.distance[is_lost.argmax(axis=1)]
         return float(np.median(np.where(is_lost.any(axis=1), at, np.inf)))
 
@@ -202,7 +204,7 @@ class Drives(RateProperties):
         return estimate_rms(self.position_error[:, -1] ** 2)
 
     def profile(self) -> Floats:
-        """Poses and errors along the way, (n, 9), in the columns of `PROFILE`."""
+        """Poses and errors along the way, (n, 9), in the columns of `PROFILE_COLUMNS`."""
         error = self.position_error
         low, median, high = np.quantile(error, (0.1, 0.5, 0.9), axis=0)
         heading = np.sqrt((self.errors[..., 2] ** 2).mean(axis=0))
@@ -218,7 +220,9 @@ def format_rates(drives: Any) -> str:
     drives : Drives, or what has its rates
         The drives.
     """
-    return ", ".join(f"{column.extract_value(drives).value:.0%} {column.title}" for column in RATES)
+    return ", ".join(
+        f"{column.extract_value(drives).value:.0%} {column.title}" for column in RATE_COLUMNS
+    )
 
 
 def tabulate_profiles(drives: Mapping[str, Drives]) -> Table:
@@ -234,7 +238,7 @@ def tabulate_profiles(drives: Mapping[str, Drives]) -> Table:
         for name, path_drives in drives.items()
         for row in path_drives.profile().tolist()
     )
-    return Table((Column("path"), *PROFILE), tuple(rows))
+    return Table((Column("path"), *PROFILE_COLUMNS), tuple(rows))
 
 
 def compute_rmse_ratio(drives: Drives, baseline: Drives) -> Interval:
@@ -251,7 +255,7 @@ def compute_rmse_ratio(drives: Drives, baseline: Drives) -> Interval:
         Geometric mean of the ratio with its 95 % interval over the drives, as
         `locplan.recommend_path` confirms it; below 1 the former are better.
     """
-    squares, below = drives.mean_squares + FLOOR, baseline.mean_squares + FLOOR
+    squares, below = drives.mean_squares + MIN_MEAN_SQUARE, baseline.mean_squares + MIN_MEAN_SQUARE
     return estimate_geometric_mean(np.sqrt(squares / below))
 
 

@@ -40,7 +40,13 @@ from locplan.planning.figures import (
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import ENDS, LEAVES, STOPS, Arrivals, describe_faults
-from locplan.simulation.drives import LOST, OFF, OFF_SHORT, compute_rmse_ratios, format_rates
+from locplan.simulation.drives import (
+    LOST_DISTANCE,
+    LOST_SHORT_TEXT,
+    LOST_TEXT,
+    compute_rmse_ratios,
+    format_rates,
+)
 from locplan.simulation.race import Candidate
 from locplan.simulation.recommendation import Recommendation
 
@@ -100,11 +106,11 @@ def simulation_figure(simulation: Simulation) -> Figure:
         handles.append(handle)
         draw_ends(upper, xy[0], xy[-1])
     draw_path_colour_bar(figure, coloured, upper)
-    lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
+    lower.axhline(LOST_DISTANCE, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     make_logarithmic(lower.yaxis)
     lower.margins(x=0.01)
-    marks = place_handles((simulation.arrivals or {}).values())
+    marks = make_place_handles((simulation.arrivals or {}).values())
     figure.key([*handles, *marks, *list_end_handles()])
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
@@ -116,9 +122,9 @@ def simulation_figure(simulation: Simulation) -> Figure:
     return figure
 
 
-MARKS = {ENDS: "x", STOPS: "s", LEAVES: "."}
+PLACE_MARKS = {ENDS: "x", STOPS: "s", LEAVES: "."}
 """Marks of where closed-loop drives go wrong."""
-FAINT: dict[str, Any] = {"markersize": 4, "markeredgewidth": 0.8, "alpha": 0.6}
+FAINT_MARK_STYLE: dict[str, Any] = {"markersize": 4, "markeredgewidth": 0.8, "alpha": 0.6}
 """Style of the mark of which there are many, near each other."""
 
 
@@ -135,15 +141,15 @@ def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
         The path's colour.
     """
     rows = arrivals.places().rows if arrivals else ()
-    for place_kind, mark in MARKS.items():
+    for place_kind, mark in PLACE_MARKS.items():
         if xy := [row[2:4] for row in rows if row[1] == place_kind]:
             # Below start and goal, which stay to be seen.
             style: dict[str, Any] = {"markersize": 6, "markeredgewidth": 1.5, "zorder": 3.5}
-            style |= {"mfc": "none", **(FAINT if place_kind == LEAVES else {})}
+            style |= {"mfc": "none", **(FAINT_MARK_STYLE if place_kind == LEAVES else {})}
             axes.plot(*np.array(xy).T, mark, color=colour, **style)
 
 
-def place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
+def make_place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
     """Entries of a legend for the marks that there are.
 
     Parameters
@@ -156,7 +162,9 @@ def place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
     }
     style: dict[str, Any] = {"linestyle": "", "color": "0.3", "mfc": "none"}
     kinds = [
-        (place_kind, mark) for place_kind, mark in MARKS.items() if place_kind in present_kinds
+        (place_kind, mark)
+        for place_kind, mark in PLACE_MARKS.items()
+        if place_kind in present_kinds
     ]
     return [
         Line2D([], [], marker=mark, label=f"a robot {place_kind}", **style)
@@ -172,10 +180,10 @@ def queries_figure(routes: Routes) -> Figure:
     routes : Routes
         Drives along both paths of some queries, as `simulate_queries` returns them.
     """
-    rmse, lost = routes.pairs("rmse"), routes.pairs("lost")
+    rmse, lost = routes.get_pairs("rmse"), routes.get_pairs("lost")
     figure = Picture(figsize=(8.5 if lost.any() else 6.6, 4.9), layout="constrained")
     left, *right_axes = figure.subplots(1, 2 if lost.any() else 1, squeeze=False)[0]
-    ends = _equal_ends(left, rmse)
+    ends = _equalize_axes(left, rmse)
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
     left.plot(*rmse.T, "o", color=BLUE, alpha=0.7)
     left.set(xlabel="RMSE along the shortest path [m]", ylabel="RMSE along the aware path [m]")
@@ -186,7 +194,7 @@ def queries_figure(routes: Routes) -> Figure:
             xlim=(-0.03, 1.03),
             ylim=(-0.03, 1.03),
             aspect="equal",
-            xlabel=f"lost ({OFF_SHORT}) on the shortest path, share of drives",
+            xlabel=f"lost ({LOST_SHORT_TEXT}) on the shortest path, share of drives",
             ylabel="the same on the aware path",
         )
     for number, at in enumerate(_choose_label_offsets(np.log(rmse)), 1):
@@ -198,12 +206,12 @@ def queries_figure(routes: Routes) -> Figure:
         f"{routes.grid.name or 'map'}{lidar}, {len(routes.routes)} queries: {routes.verdict}",
         f"aware over shortest: RMSE {_format_interval(routes.rmse_ratio)},"
         f" length {_format_interval(routes.length_ratio)}",
-        *([] if lost.any() else [f"no drive was {OFF} on either path"]),
+        *([] if lost.any() else [f"no drive was {LOST_TEXT} on either path"]),
     )
     return figure
 
 
-def _equal_ends(axes: Any, values: Floats) -> Floats:
+def _equalize_axes(axes: Any, values: Floats) -> Floats:
     """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
     ends = np.array([values.min() * 0.8, values.max() * 1.25])
     for axis in (axes.xaxis, axes.yaxis):
@@ -232,7 +240,7 @@ def _format_interval(interval: Interval) -> str:
     return f"{value:.3g}" + ("" if np.isnan(low) else f" [{low:.3g}, {high:.3g}]")
 
 
-WIDTH = 8.6
+MIN_WIDTH = 8.6
 """Minimum width of the figure [inch]."""
 LINE_COLOURS, LINE_WIDTHS = ("0.72", "black", RECOMMENDED), (1.0, 2.0, 3.6)
 """Styles of the other candidates, of the shortest path, and of the recommended one."""
@@ -251,13 +259,13 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
     """
     ends = Path(np.array([recommendation.start[:2], recommendation.goal[:2]]))
     paths = [*(candidate.path for candidate in recommendation.candidates), ends]
-    width, height, part = WIDTH, 4.0, None
+    width, height, part = MIN_WIDTH, 4.0, None
     if recommendation.costs is not None:
         part = crop_map(
             recommendation.costs.grid, [*paths, *_collect_marked_places(recommendation)]
         )
         width, height = compute_figure_size(part)
-        width = max(width, WIDTH)
+        width = max(width, MIN_WIDTH)
     # Height of what is drawn along the paths [inch].
     below = 2.4 if recommendation.candidates else 0.0
     figure = Picture(figsize=(width, height + below + 0.8), layout="constrained")
@@ -275,15 +283,15 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
         upper.set_aspect("equal")
     # The recommended path is drawn last.
     for candidate in sorted(
-        recommendation.candidates, key=lambda each: _rank(recommendation, each)
+        recommendation.candidates, key=lambda each: _rank_candidate(recommendation, each)
     ):
-        rank = _rank(recommendation, candidate)
+        rank = _rank_candidate(recommendation, candidate)
         draw_places(upper, candidate.arrivals, LINE_COLOURS[rank])
         draw_path(upper, candidate.path, color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank])
     draw_ends(upper, recommendation.start, recommendation.goal)
     if recommendation.candidates:
         (_draw_errors if recommendation.judgement else _draw_degeneracy)(axes[1, 0], recommendation)
-    marks = place_handles(candidate.arrivals for candidate in recommendation.candidates)
+    marks = make_place_handles(candidate.arrivals for candidate in recommendation.candidates)
     figure.key([*_make_handles(recommendation), *marks, *list_end_handles(), *zones], ncols=3)
     name = recommendation.map["name"] or "map"
     figure.title(
@@ -305,7 +313,7 @@ def _collect_marked_places(recommendation: Recommendation) -> list[Path]:
     return [Path(np.array(places))] if places else []
 
 
-def _rank(recommendation: Recommendation, candidate: Candidate) -> int:
+def _rank_candidate(recommendation: Recommendation, candidate: Candidate) -> int:
     """2 of the recommended path, 1 of the shortest, 0 of the others."""
     return (
         2
@@ -322,7 +330,7 @@ def _make_handles(recommendation: Recommendation) -> list[Line2D]:
     )
     handles = []
     for candidate in highlighted:
-        rank = _rank(recommendation, candidate)
+        rank = _rank_candidate(recommendation, candidate)
         name = f"{candidate.name} path" if candidate is recommendation.shortest else candidate.name
         recommended = "recommended" if recommendation.judgement else "untested"
         role = f"{recommended}: " if candidate is recommendation.recommended_candidate else ""
@@ -354,11 +362,11 @@ def _draw_errors(axes: Axes, recommendation: Recommendation) -> None:
         if candidate is None or candidate.driven is None:
             continue
         distance, median, low, high = candidate.driven.profile.T
-        rank = _rank(recommendation, candidate)
+        rank = _rank_candidate(recommendation, candidate)
         colour = LINE_COLOURS[rank]
         axes.fill_between(distance, low, high, color=colour, alpha=0.15, linewidth=0)
         axes.plot(distance, median, color=colour, linewidth=0.8 * LINE_WIDTHS[rank])
-    axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
+    axes.axhline(LOST_DISTANCE, color="0.6", linewidth=0.8, zorder=0)
     axes.set_yscale("log")
     axes.set_ylim(bottom=max(MIN_ERROR / 2, axes.get_ylim()[0]))
     label_with_plain_numbers(axes.yaxis, 4)
@@ -371,7 +379,7 @@ def _draw_degeneracy(axes: Axes, recommendation: Recommendation) -> None:
     """The degeneracy along each path of which it is known."""
     costs: Any = recommendation.costs
     paths = [
-        (candidate.path, LineStyle(LINE_COLOURS[_rank(recommendation, candidate)]))
+        (candidate.path, LineStyle(LINE_COLOURS[_rank_candidate(recommendation, candidate)]))
         for candidate in (recommendation.candidates if costs else ())
         if np.isfinite(candidate.metrics.integrated_u)
     ]

@@ -16,13 +16,13 @@ from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
 from locplan.planning.path import Path
 from locplan.robots.parts import Odometry
 
-WIDEST = 4.0
+MAX_CORRIDOR_WIDTH = 4.0
 """Greatest width of a corridor [m]."""
-STRAIGHT = 1.0
+STRAIGHT_DISTANCE = 1.0
 """Distance before and behind a kink over which the path leads through the corridor [m]."""
 SPACING = 0.25
 """Distance between two places that are compared [m]."""
-SETTLED, LATEST = 3.0, 2 / 3
+MIN_KINK_DISTANCE, MAX_KINK_SHARE = 3.0, 2 / 3
 """Least distance of a kink from the start [m], so that the filter has settled, and its greatest
 share of the path, so that a filter that recovers can show it."""
 
@@ -49,7 +49,7 @@ class Kink:
         ahead = math.cos(self.direction), math.sin(self.direction)
         return np.asarray((xy - (self.x, self.y)) @ ahead > 0)
 
-    def turn(self, xy: Floats, angle: float) -> Floats:
+    def turn_positions(self, xy: Floats, angle: float) -> Floats:
         """Return positions (n, 2) turned about the place.
 
         Parameters
@@ -75,7 +75,7 @@ class Kink:
         """
         behind = self.is_behind(poses[:, :2])
         kinked = poses.copy()
-        kinked[behind, :2] = self.turn(poses[behind, :2], angle)
+        kinked[behind, :2] = self.turn_positions(poses[behind, :2], angle)
         kinked[behind, 2] += angle
         return kinked
 
@@ -95,7 +95,7 @@ class Kink:
         mapped_cells = np.argwhere(grid.cells != UNKNOWN)
         xy = np.column_stack(grid.grid_to_world(*(mapped_cells + 0.5).T))
         behind = self.is_behind(xy)
-        rotated_cells = grid.world_to_grid(*self.turn(xy[behind], angle).T)
+        rotated_cells = grid.world_to_grid(*self.turn_positions(xy[behind], angle).T)
         still_cells = (mapped_cells[~behind].T + 0.5).reshape(2, -1)
         ends = [
             np.concatenate(axis_cells)
@@ -107,7 +107,7 @@ class Kink:
         rows, cols = (at.ravel() + 0.5 for at in np.indices(shape))
         at_x, at_y = grid.grid_to_world(rows + first[0], cols + first[1])
         positions = np.column_stack([at_x, at_y])
-        before, after = positions, self.turn(positions, -angle)
+        before, after = positions, self.turn_positions(positions, -angle)
         near = np.where(self.is_behind(before), UNKNOWN, _values_at(grid, before))
         far = np.where(self.is_behind(after), _values_at(grid, after), UNKNOWN)
         is_free = (near == FREE) | (far == FREE)
@@ -135,8 +135,10 @@ def find_kink(path: Path, grid: OccupancyGrid) -> Kink | None:
     """
     fine = path.resample(SPACING, even=True)
     xy, distance = fine.xy, fine.distance
-    around = round(STRAIGHT / SPACING)
-    places = np.flatnonzero((distance >= SETTLED) & (distance <= LATEST * path.length))
+    around = round(STRAIGHT_DISTANCE / SPACING)
+    places = np.flatnonzero(
+        (distance >= MIN_KINK_DISTANCE) & (distance <= MAX_KINK_SHARE * path.length)
+    )
     places = places[(places >= around) & (places < len(xy) - around)]
     if not places.size:
         return None
@@ -154,7 +156,9 @@ def find_kink(path: Path, grid: OccupancyGrid) -> Kink | None:
     )
     widths, cuts = np.array([_measure_cut(kink, grid) for kink in kinks]).T
     # The width counts on both sides of the place, too: a door is no corridor.
-    has_wide = np.convolve(widths > WIDEST, np.ones(2 * around + 1))[around : around + len(widths)]
+    has_wide = np.convolve(widths > MAX_CORRIDOR_WIDTH, np.ones(2 * around + 1))[
+        around : around + len(widths)
+    ]
     suitable = is_once & (has_wide == 0)
     if not suitable.any():
         return None
@@ -391,7 +395,7 @@ def select_levels(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> straight = Path(np.array([[2.0, 3.0], [30.0, 3.0]]))
-    >>> [level.name for level in levels_for([straight], grid)]
+    >>> [level.name for level in select_levels([straight], grid)]
     ['usual', 'slip', 'standstill', 'turns', 'kinked map']
     """
     return tuple(level for level in levels if any(level.can_affect(path, grid) for path in paths))

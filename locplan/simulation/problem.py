@@ -112,7 +112,7 @@ class RecommendationSettings(Settings):
     paths; None drives none, nor is one driven beside a filter that is no AMCL. The default stands
     for the robot's own filter with the safe preset, see `locplan.robots.presets`."""
 
-    def length_handicaps(self, ratios: Sequence[float]) -> Floats:
+    def compute_length_handicaps(self, ratios: Sequence[float]) -> Floats:
         """Return what the race adds to the log error of candidates for their lengths.
 
         Parameters
@@ -164,7 +164,7 @@ class RecommendationSettings(Settings):
         return self.max_e is not None or self.budget is not None
 
 
-def check_settings(settings: RecommendationSettings | None) -> RecommendationSettings:
+def normalize_settings(settings: RecommendationSettings | None) -> RecommendationSettings:
     """Return the settings, or the default ones; a ConfigError if they are of another kind."""
     if settings is None:
         return RecommendationSettings()
@@ -172,11 +172,11 @@ def check_settings(settings: RecommendationSettings | None) -> RecommendationSet
     return settings
 
 
-NEAR = 0.5
+MAX_PLACE_DISTANCE = 0.5
 """Maximum distance of a path's ends and of waypoints from where they should be [m]."""
 
 
-class Compute(Protocol):
+class ComputeField(Protocol):
     """A function that gives the field of a map, or its values at some lattice points."""
 
     def __call__(self, grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField: ...
@@ -200,13 +200,13 @@ class PlanningProblem:
     """The costmap that was given."""
     config: FieldConfig
     """Settings of the field that the costmap is made of otherwise."""
-    compute: Compute
+    compute_field: ComputeField
     """Gives that field."""
     zones: Zones = dataclasses.field(default_factory=Zones)
     """The zones; those of the costmap if one was given."""
 
     @cached_property
-    def blank(self) -> Costmap:
+    def blank_costmap(self) -> Costmap:
         """Costmap on which every metre costs the same, blocked where the given one is."""
         if self.user_costmap is None:
             return Costmap.blank(self.grid, robot=self.robot, zones=self.zones)
@@ -215,7 +215,7 @@ class PlanningProblem:
         return dataclasses.replace(costs, robot_radius=self.user_costmap.robot_radius)
 
     @property
-    def by_lattice(self) -> bool:
+    def is_lattice_needed(self) -> bool:
         """Whether the robot has an outline or turns on a radius, so that the lattice plans all."""
         return needs_lattice(self.robot) and self.settings.budget is None
 
@@ -224,15 +224,15 @@ class PlanningProblem:
     ) -> tuple[PlanningProblem, Costmap, Planner | None]:
         """What is asked, without headings where the planner has none, the costmap with the robot,
         and the planner: the lattice where it must be."""
-        if planner is None and self.by_lattice:
+        if planner is None and self.is_lattice_needed:
             planner = Lattice()
         costs = dataclasses.replace(costs, robot=self.robot)
         if planner is not None and planner.space != "R2":
             return self, costs, planner
         places = [place[:2] for place in (self.start, *self.settings.via, self.goal)]
-        return self._with_places(places), costs, planner
+        return self._replace_places(places), costs, planner
 
-    def _with_places(self, places: Sequence[Position]) -> PlanningProblem:
+    def _replace_places(self, places: Sequence[Position]) -> PlanningProblem:
         """The same between other places."""
         start, *via, goal = places
         settings = dataclasses.replace(self.settings, via=tuple(via))
@@ -246,8 +246,10 @@ class PlanningProblem:
         LocplanError
             If the robot cannot stand there, or the limits do not go together or with the costmap.
         """
-        places = check_ends(self.blank, self.start, self.goal, self.settings.via, space=space)
-        problem = self._with_places(places)
+        places = check_ends(
+            self.blank_costmap, self.start, self.goal, self.settings.via, space=space
+        )
+        problem = self._replace_places(places)
         make_planner(
             None,
             via=problem.settings.via,
@@ -266,7 +268,7 @@ class PlanningProblem:
             )
         return problem
 
-    def costs(
+    def compute_costmap(
         self, paths_on: Callable[[Costmap], Iterable[Path]]
     ) -> tuple[Costmap, CovarianceField | None]:
         """The costmap with its field, which is fine near some paths where that takes long."""
@@ -283,11 +285,11 @@ class PlanningProblem:
             )
 
         if not self.config.estimator.casts_rays or self.config.stride != FieldConfig.stride:
-            field = self.compute(self.grid)
+            field = self.compute_field(self.grid)
             return make_costmap(field), field
 
         def compute_field(points: Bools) -> CovarianceField:
-            return self.compute(self.grid, points)
+            return self.compute_field(self.grid, points)
 
         field, costs = plan_with_adaptive_field(
             self.grid, self.config, compute_field, make_costmap, paths_on
@@ -312,7 +314,7 @@ class PlanningProblem:
             footprint=problem._outline,
         )
 
-    def shortest(self, costs: Costmap) -> Path | None:
+    def plan_shortest(self, costs: Costmap) -> Path | None:
         """The shortest path without limits, as others that are shown beside an aware one."""
         if math.isnan(costs.weight):
             return None
@@ -349,11 +351,11 @@ class PlanningProblem:
         """Which limit a path does not keep; empty if it keeps all."""
         settings = self.settings
         for x, y, *_ in settings.via:
-            if not len(path) or compute_distances(np.array([[x, y]]), path)[0] > NEAR:
+            if not len(path) or compute_distances(np.array([[x, y]]), path)[0] > MAX_PLACE_DISTANCE:
                 return f"does not visit {x:g},{y:g}"
         if crosses_no_go(self.zones, self.grid, path):
             return "crosses a no-go zone"
-        if self.by_lattice:
+        if self.is_lattice_needed:
             for fault in path_faults(self.grid, path, self.robot):
                 return f"cannot be driven: {fault.kind} near {fault.x:.2f},{fault.y:.2f}"
         if settings.max_e is None and settings.budget is None:

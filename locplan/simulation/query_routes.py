@@ -35,7 +35,7 @@ from locplan.simulation.driver import drive_open
 from locplan.simulation.drives import (
     DEFAULT_DRIVES,
     DRIVE_COLUMNS,
-    OFF_SHORT,
+    LOST_SHORT_TEXT,
     Drives,
     check_drives,
     compute_rmse_ratio,
@@ -110,17 +110,17 @@ class Routes(DrawableResult):
     @property
     def length_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's length: geometric mean over the queries."""
-        return estimate_geometric_mean(np.divide(*self.pairs("length").T[::-1]))
+        return estimate_geometric_mean(np.divide(*self.get_pairs("length").T[::-1]))
 
     @property
     def rmse_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's position RMSE: geometric mean."""
-        return estimate_geometric_mean(np.divide(*self.pairs("rmse").T[::-1]))
+        return estimate_geometric_mean(np.divide(*self.get_pairs("rmse").T[::-1]))
 
     @property
-    def median(self) -> tuple[float, float]:
+    def median_error(self) -> tuple[float, float]:
         """Median error along the shortest and the aware paths: geometric means [m]."""
-        return self._means("median_error")
+        return self._compute_means("median_error")
 
     @property
     def kept_rmse(self) -> tuple[float, float]:
@@ -128,27 +128,27 @@ class Routes(DrawableResult):
 
         They are over the queries of which both paths have such drives; NaN if there is none.
         """
-        return self._means("kept_rmse")
+        return self._compute_means("kept_rmse")
 
     @property
     def rmse(self) -> tuple[float, float]:
         """RMSE along the shortest and the aware paths: geometric means over the queries [m]."""
-        return self._means("rmse")
+        return self._compute_means("rmse")
 
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives along the shortest and the aware paths: means over the queries."""
-        return _pair_from_array(self.pairs("lost").mean(axis=0))
+        return _pair_from_array(self.get_pairs("lost").mean(axis=0))
 
     @property
     def off_at_end(self) -> tuple[float, float]:
         """Share of drives off at the end along both kinds: means."""
-        return _pair_from_array(self.pairs("off_at_end").mean(axis=0))
+        return _pair_from_array(self.get_pairs("off_at_end").mean(axis=0))
 
     @property
     def lost_difference(self) -> Interval:
         """Difference in the share of lost drives, aware minus shortest: mean over the queries."""
-        return estimate_mean(np.diff(self.pairs("lost"))[:, 0])
+        return estimate_mean(np.diff(self.get_pairs("lost"))[:, 0])
 
     @property
     def verdict(self) -> str:
@@ -160,7 +160,7 @@ class Routes(DrawableResult):
             return "helps"
         return "harms" if ratio.low > 1 else "unclear"
 
-    def pairs(self, name: str) -> Floats:
+    def get_pairs(self, name: str) -> Floats:
         """Values of the shortest and of the aware path of each query, (n, 2).
 
         Parameters
@@ -170,9 +170,9 @@ class Routes(DrawableResult):
         """
         return np.array([getattr(route, name) for route in self.routes])
 
-    def _means(self, name: str) -> tuple[float, float]:
+    def _compute_means(self, name: str) -> tuple[float, float]:
         """Geometric means over the queries of which both values are known; NaN without one."""
-        pairs = self.pairs(name)
+        pairs = self.get_pairs(name)
         finite_pairs = pairs[~np.isnan(pairs).any(axis=1)]
         if not len(finite_pairs):
             return math.nan, math.nan
@@ -243,7 +243,7 @@ class RoutesOnMaps(Result):
                     {
                         **routes.description,
                         "verdict": routes.verdict,
-                        "median_error": routes.median,
+                        "median_error": routes.median_error,
                         **{name: getattr(routes, name) for name in (*names, "lost_difference")},
                         "queries": [
                             {**asdict(route.query), **route.summary} for route in routes.routes
@@ -264,16 +264,16 @@ class RoutesOnMaps(Result):
 
     def report(self) -> str:
         """Table of both paths of many queries, one row per map."""
-        return routes_report(self)
+        return format_routes(self)
 
 
-def routes_report(routes_on_maps: RoutesOnMaps) -> str:
+def format_routes(routes_on_maps: RoutesOnMaps) -> str:
     """Table of both paths of many queries, one row per map."""
     rows = []
     for routes in routes_on_maps:
         median, tracked_texts, rmse = (
             [format_decimal(error, choose_digits(error)) for error in pair]
-            for pair in (routes.median, routes.kept_rmse, routes.rmse)
+            for pair in (routes.median_error, routes.kept_rmse, routes.rmse)
         )
         rows.append(
             [
@@ -303,8 +303,8 @@ def routes_report(routes_on_maps: RoutesOnMaps) -> str:
     return (
         f"{format_table(columns, rows)}\nshortest -> aware paths of {queries} queries, geometric"
         " means;"
-        f" errors of the\nposition [m]; lost: {OFF_SHORT} at some time; off at the end: still so;"
-        " kept: those\nnever lost; RMSE: of all drives along the shortest; ratio: of the RMSE,"
+        f" errors of the\nposition [m]; lost: {LOST_SHORT_TEXT} at some time; off at the end: still"
+        " so; kept: those\nnever lost; RMSE: of all drives along the shortest; ratio: of the RMSE,"
         " aware over\nshortest [95 %]"
     )
 

@@ -24,40 +24,45 @@ from locplan._support.records import Column
 from locplan._support.saved import EqualByValue
 from locplan.planning.metrics import METRICS, PathMetrics
 from locplan.planning.path import Path
-from locplan.simulation.arrivals import ARRIVING, Arrivals
-from locplan.simulation.driver import CHOOSING, drive_closed, drive_open, route_key
-from locplan.simulation.drives import FLOOR, RATES, Drives
+from locplan.simulation.arrivals import ARRIVAL_COLUMNS, Arrivals
+from locplan.simulation.driver import (
+    FIRST_CHOOSING_DRIVE,
+    compute_route_key,
+    drive_closed,
+    drive_open,
+)
+from locplan.simulation.drives import MIN_MEAN_SQUARE, RATE_COLUMNS, Drives
 from locplan.simulation.problem import Minimise, RecommendationSettings
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import (
     BETTER,
     NO_DIFFERENCE,
     UNDECIDED,
-    WORDS,
-    look,
+    VERDICT_WORDS,
+    compute_student_interval,
+    evaluate_look,
     plan_looks,
-    student_interval,
 )
 
 ROUNDS: tuple[int, int] = (4, 8)
 """Drives of all paths, and of those that are kept, in the race."""
-MAX_KEPT, FINALISTS = 5, 3
+MAX_RACING, MAX_FINALISTS = 5, 3
 """Maximum numbers of paths beside the shortest that are kept in the race, and confirmed."""
-UNSURE, BEHIND = 0.07, 0.3
+RACE_ELIMINATION_LEVEL, FINAL_ELIMINATION_LEVEL = 0.07, 0.3
 """Probability, one-sided, at which a path counts as surely worse than the leader: in the race, and
 when finalists are confirmed."""
-LEAD = math.log(0.99)
+REQUIRED_LEAD = math.log(0.99)
 """Difference of the mean scores by which a path must lead the shortest in the race.
 
 These five were found by tests/benchmarks/power_of_choices.py: among ten candidates a path of .8 of
 the shortest's error is found in 91 % of the choices."""
 _FORMER_WORDS = {"clearly better": BETTER, "no worthwhile difference": NO_DIFFERENCE}
 """Verdicts by how files before version 3 of a choice name them; their others are undecided."""
-WORTHWHILE = math.log(0.9)
+WORTHWHILE_LOG_RATIO = math.log(0.9)
 """Logarithm of the ratio of errors from which on a path is worth leaving the shortest."""
 
 
-class Scores(NamedTuple):
+class DriveScores(NamedTuple):
     """What drives are judged by."""
 
     log_error: Floats
@@ -65,7 +70,7 @@ class Scores(NamedTuple):
     lost: Bools
     """True for the drives that were lost, (paths, drives)."""
 
-    def join(self, later: Scores) -> Scores:
+    def join(self, later: DriveScores) -> DriveScores:
         """These drives and later ones of the same paths.
 
         Parameters
@@ -74,9 +79,9 @@ class Scores(NamedTuple):
             Scores of the later drives.
         """
         pairs = zip(self, later, strict=True)
-        return Scores(*(np.concatenate(pair, axis=1) for pair in pairs))
+        return DriveScores(*(np.concatenate(pair, axis=1) for pair in pairs))
 
-    def select(self, paths: Sequence[int]) -> Scores:
+    def select(self, paths: Sequence[int]) -> DriveScores:
         """The drives of some of the paths.
 
         Parameters
@@ -84,10 +89,10 @@ class Scores(NamedTuple):
         paths : sequence of int
             Numbers of the paths.
         """
-        return Scores(self.log_error[paths], self.lost[paths])
+        return DriveScores(self.log_error[paths], self.lost[paths])
 
 
-Drive = Callable[[Sequence[int], range], Scores]
+DriveCandidates = Callable[[Sequence[int], range], DriveScores]
 """Drives paths of some numbers, with the drives of some numbers."""
 
 
@@ -108,15 +113,15 @@ class RaceResult(EqualByValue):
     """Whether the leader lost more drives than the shortest path, in the race and after it."""
 
     def __post_init__(self) -> None:
-        if self.verdict not in WORDS:  # of an older file
+        if self.verdict not in VERDICT_WORDS:  # of an older file
             set_frozen_fields(self, verdict=_FORMER_WORDS.get(self.verdict, UNDECIDED))
 
     @property
     def is_worthwhile(self) -> bool:
         """True if the leader errs so little that a detour is worth it, and loses no more drives."""
-        return not self.more_lost and self.ratio.value <= math.exp(WORTHWHILE)
+        return not self.more_lost and self.ratio.value <= math.exp(WORTHWHILE_LOG_RATIO)
 
-    def takes(self, bold: bool) -> bool:
+    def recommends_leader(self, bold: bool) -> bool:
         """True if the leader is to be taken in place of the shortest path.
 
         Parameters
@@ -129,10 +134,10 @@ class RaceResult(EqualByValue):
 
 
 def run_race(
-    drive: Drive,
+    drive: DriveCandidates,
     handicaps: Floats,
-    price_of_loss: float,
-    drives: int,
+    loss_penalty: float,
+    n_drives: int,
     is_time_up: Callable[[], bool] | None = None,
 ) -> RaceResult:
     """Race paths, and confirm that the winner is better than the shortest.
@@ -143,43 +148,47 @@ def run_race(
         Drives some of the paths.
     handicaps : (paths,) array
         What is added to the score of each path in the race, such as the price of its length.
-    price_of_loss : float
+    loss_penalty : float
         What a lost drive adds to its score, beside the logarithm of its error.
-    drives : int
+    n_drives : int
         Maximum number of confirming drives of each path.
     is_time_up : callable, optional
         Whether time is up, asked before each look but the first.
     """
-    finalists, lost = race_paths(drive, handicaps, price_of_loss)
+    finalists, lost = race_paths(drive, handicaps, loss_penalty)
     if not finalists:
         no_ratio, reported_numbers = Interval(math.nan, math.nan, math.nan), range(ROUNDS[-1])
         drive([0], reported_numbers)  # the race's drives are not those that other commands report
         return RaceResult(0, UNDECIDED, no_ratio, reported_numbers)
-    return confirm_finalists(drive, finalists, lost, drives, handicaps, is_time_up)
+    return confirm_finalists(drive, finalists, lost, n_drives, handicaps, is_time_up)
 
 
-def race_paths(drive: Drive, handicaps: Floats, price_of_loss: float) -> tuple[list[int], Ints]:
+def race_paths(
+    drive: DriveCandidates, handicaps: Floats, loss_penalty: float
+) -> tuple[list[int], Ints]:
     """The paths that may be best and lead the shortest, and how many drives each path lost."""
 
-    def score(paths: list[int], path_scores: Scores) -> Floats:
-        return path_scores.log_error + price_of_loss * path_scores.lost + handicaps[paths][:, None]
+    def score(paths: list[int], path_scores: DriveScores) -> Floats:
+        return path_scores.log_error + loss_penalty * path_scores.lost + handicaps[paths][:, None]
 
-    def find_remaining(paths: list[int], round_scores: Scores) -> list[int]:
+    def find_remaining(paths: list[int], round_scores: DriveScores) -> list[int]:
         return [paths[n] for n in _find_contenders(score(paths, round_scores))]
 
     n_first, n_all = ROUNDS
     all_paths = [*range(len(handicaps))]
-    numbers = range(CHOOSING, CHOOSING + n_all)
+    numbers = range(FIRST_CHOOSING_DRIVE, FIRST_CHOOSING_DRIVE + n_all)
     raced_scores = drive(all_paths, numbers[:n_first])
-    remaining = sorted({0, *find_remaining(all_paths, raced_scores)[:MAX_KEPT]})
+    remaining = sorted({0, *find_remaining(all_paths, raced_scores)[:MAX_RACING]})
     raced_scores = raced_scores.select(remaining).join(drive(remaining, numbers[n_first:]))
     lost = np.zeros(len(all_paths), np.int64)
     lost[remaining] = raced_scores.lost.sum(axis=1)
     scores = dict(zip(remaining, score(remaining, raced_scores).mean(axis=1), strict=True))
     leading = [
-        path for path in find_remaining(remaining, raced_scores) if scores[path] <= scores[0] + LEAD
+        path
+        for path in find_remaining(remaining, raced_scores)
+        if scores[path] <= scores[0] + REQUIRED_LEAD
     ]
-    return leading[:FINALISTS], lost
+    return leading[:MAX_FINALISTS], lost
 
 
 def _find_contenders(scores: Floats) -> list[int]:
@@ -191,28 +200,30 @@ def _find_contenders(scores: Floats) -> list[int]:
     count = scores.shape[1]
     freedom = weight + count - 1
     squares = weight * prior_std**2 + (count - 1) * behind.var(axis=1, ddof=1)
-    close = behind.mean(axis=1) <= stdtrit(freedom, 1 - UNSURE) * np.sqrt(squares / freedom / count)
+    close = behind.mean(axis=1) <= stdtrit(freedom, 1 - RACE_ELIMINATION_LEVEL) * np.sqrt(
+        squares / freedom / count
+    )
     return [int(n) for n in np.argsort(scores.mean(axis=1), kind="stable") if close[n]]
 
 
 def confirm_finalists(
-    drive: Drive,
+    drive: DriveCandidates,
     finalists: list[int],
     lost: Ints,
-    drives: int,
+    n_drives: int,
     handicaps: Floats,
     is_time_up: Callable[[], bool] | None = None,
 ) -> RaceResult:
     """Drive the finalists and the shortest afresh, until a difference is known or none is."""
     paths, count, drive_scores = [0, *finalists], 0, None
-    looks = plan_looks(drives)
+    looks = plan_looks(n_drives)
     while True:
         before, count = count, looks.pop(0)
         new = drive(paths, range(before, count))
         drive_scores = new if drive_scores is None else drive_scores.join(new)
         log_ratios = drive_scores.log_error[1:] - drive_scores.log_error[0]
         # Choosing the best of several promises too much, not too little: they share the level.
-        interim = look(
+        interim = evaluate_look(
             log_ratios,
             drive_scores.lost[0],
             drive_scores.lost[1:],
@@ -221,29 +232,31 @@ def confirm_finalists(
         )
         all_lost = lost[paths] + drive_scores.lost.sum(axis=1)
         losing = all_lost[1:] > all_lost[0]
-        safe = ~losing & (interim.mean <= WORTHWHILE)
+        safe = ~losing & (interim.mean <= WORTHWHILE_LOG_RATIO)
         clear = safe & interim.is_better
         leads = next(group for group in (clear, safe, interim.mean < math.inf) if group.any())
         # The price of length decides between finalists as in the race, and not on the verdict.
         scores = interim.mean + handicaps[paths[1:]]
         best = int(np.argmin(np.where(leads, scores, math.inf)))
-        is_futile = (interim.low > WORTHWHILE).all()
+        is_futile = (interim.low > WORTHWHILE_LOG_RATIO).all()
         if clear.any() or is_futile or not looks or (is_time_up and is_time_up()):
             ratio = Interval(*(math.exp(end[best]) for end in interim[:3]))
             word, loses_more = interim.words[best], bool(losing[best])
             return RaceResult(paths[best + 1], word, ratio, range(count), loses_more)
         # Finalists that seem worse than the best one, or than what is worthwhile, stay behind: that
         # costs no error, since none of them can be recommended any more.
-        _, behind_low, _ = student_interval(log_ratios - log_ratios[best], BEHIND)
-        _, ratio_low, _ = student_interval(log_ratios, BEHIND)
-        going = np.append(True, ~((behind_low > 0) | (ratio_low > WORTHWHILE)))
+        _, behind_low, _ = compute_student_interval(
+            log_ratios - log_ratios[best], FINAL_ELIMINATION_LEVEL
+        )
+        _, ratio_low, _ = compute_student_interval(log_ratios, FINAL_ELIMINATION_LEVEL)
+        going = np.append(True, ~((behind_low > 0) | (ratio_low > WORTHWHILE_LOG_RATIO)))
         going[best + 1] = True
         rows = np.flatnonzero(going).tolist()
         paths, drive_scores = [paths[row] for row in rows], drive_scores.select(rows)
 
 
 def compute_log_errors(
-    distance: Floats, errors: Floats, minimise: Minimise, worst: float
+    distance: Floats, errors: Floats, minimise: Minimise, max_error: float
 ) -> Floats:
     """Logarithm of the root mean square error of each drive, (drives,).
 
@@ -256,7 +269,7 @@ def compute_log_errors(
     minimise : str
         "heading" takes the error of the heading [rad], "goal-error" that of the position over the
         last metre, "rmse" and "lost" that of the position [m].
-    worst : float
+    max_error : float
         Error as which larger ones count [m, or rad].
     """
     if minimise == "heading":
@@ -265,10 +278,12 @@ def compute_log_errors(
         squares = errors[..., 0] ** 2 + errors[..., 1] ** 2
     if minimise == "goal-error":
         squares = squares[:, distance >= distance[-1] - 1.0]
-    return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
+    return np.asarray(
+        0.5 * np.log(np.minimum(squares.mean(axis=1), max_error**2) + MIN_MEAN_SQUARE)
+    )
 
 
-def compute_worst_error(shape: tuple[int, int], resolution: float) -> float:
+def compute_max_error(shape: tuple[int, int], resolution: float) -> float:
     """Error of a position as which larger ones count: the length of the map's diagonal [m]."""
     return math.hypot(*shape) * resolution
 
@@ -330,7 +345,7 @@ class DriveStatistics(EqualByValue):
     def off_at_end_rate(self) -> Interval:
         """Share of the drives that were off at the end."""
         if not len(self.off_at_end):  # of a choice that an older locplan saved
-            return NOTHING
+            return NO_INTERVAL
         return compute_wilson_interval(float(self.off_at_end.mean()), len(self.off_at_end))
 
 
@@ -362,7 +377,7 @@ class Candidate(EqualByValue):
         return f"Candidate({self.name}, {self.path.length:.2f} m)"
 
 
-NOTHING = Interval(math.nan, math.nan, math.nan)
+NO_INTERVAL = Interval(math.nan, math.nan, math.nan)
 
 
 def _make_metric_column(name: str, title: str | None = None, digits: int = 2) -> Column:
@@ -389,7 +404,7 @@ def _make_rate_column(column: Column) -> Column:
 
 def _make_arrival_column(column: Column) -> Column:
     def value(candidate: Candidate) -> Any:
-        missing = NOTHING if column.interval else math.nan
+        missing = NO_INTERVAL if column.interval else math.nan
         return column.extract_value(candidate.arrivals) if candidate.arrivals else missing
 
     return dataclasses.replace(column, title=None, value=value)
@@ -419,13 +434,13 @@ CANDIDATE_COLUMNS: tuple[Column, ...] = (
     *_NAME_COLUMNS,
     _make_drive_column("error", "m", "error"),
     _make_drive_column("ratio", "", "ratio"),
-    *map(_make_rate_column, RATES),
+    *map(_make_rate_column, RATE_COLUMNS),
     Column("drives", value=lambda candidate: len(candidate.driven.numbers)),
     _make_metric_column("cost"),
     _make_metric_column("integrated_u"),
     _make_metric_column("integrated_e"),
     *_OTHER_METRICS,
-    *map(_make_arrival_column, ARRIVING),
+    *map(_make_arrival_column, ARRIVAL_COLUMNS),
 )
 """Columns of candidates that were driven."""
 
@@ -458,52 +473,58 @@ class CandidateRunner:
     ) -> None:
         self._paths = [*paths.items()]
         # All candidates lead along one route, though those of a user may end a little off.
-        self._route = route_key(self._paths[0][1])
+        self._route = compute_route_key(self._paths[0][1])
         self._simulator = simulator
         self._settings, self._progress = settings, progress
         self._poses: dict[int, Poses] = {}
         self._errors: list[dict[int, Floats]] = [{} for _ in paths]
-        self._worst = math.pi
+        self._max_error = math.pi
         if settings.minimise != "heading":
-            self._worst = compute_worst_error(simulator.grid.shape, simulator.grid.resolution)
-        n_kept = min(len(paths), MAX_KEPT + 1)
+            self._max_error = compute_max_error(simulator.grid.shape, simulator.grid.resolution)
+        n_kept = min(len(paths), MAX_RACING + 1)
         self._n_done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * n_kept
-        self._total += min(len(paths), FINALISTS + 1) * settings.drives + RIVAL_DRIVES
-        self._closed = range(settings.closed_drives)
-        self._total += 2 * len(self._closed)
+        self._total += min(len(paths), MAX_FINALISTS + 1) * settings.drives + RIVAL_DRIVES
+        self._closed_loop_numbers = range(settings.closed_drives)
+        self._total += 2 * len(self._closed_loop_numbers)
 
-    def __call__(self, paths: Sequence[int], numbers: range) -> Scores:
+    def __call__(self, paths: Sequence[int], numbers: range) -> DriveScores:
         """Drive some paths with the drives of some numbers."""
-        for path, drives in zip(paths, self._drive(self._simulator, paths, numbers), strict=True):
+        for path, drives in zip(
+            paths, self._drive_paths(self._simulator, paths, numbers), strict=True
+        ):
             self._poses[path] = drives.poses
             self._errors[path].update(zip(numbers, drives.errors, strict=True))
-        return Scores(
-            np.array([self._log_errors(path, numbers) for path in paths]),
-            np.array([self._drives(path, numbers).lost for path in paths]),
+        return DriveScores(
+            np.array([self._get_log_errors(path, numbers) for path in paths]),
+            np.array([self._get_drives(path, numbers).lost for path in paths]),
         )
 
     def summarize_drives(self, path: int, race_result: RaceResult) -> DriveStatistics:
         """What is shown of a candidate: the drives from 0 on, or those of the race."""
-        numbers = range(CHOOSING, CHOOSING + ROUNDS[-1])
+        numbers = range(FIRST_CHOOSING_DRIVE, FIRST_CHOOSING_DRIVE + ROUNDS[-1])
         if leads := path in (0, race_result.leader):
             numbers = race_result.drives
         numbers = numbers[: sum(number in self._errors[path] for number in numbers)]
-        ratio = NOTHING
+        ratio = NO_INTERVAL
         if path:
-            log_ratios = self._log_errors(path, numbers) - self._log_errors(0, numbers)
+            log_ratios = self._get_log_errors(path, numbers) - self._get_log_errors(0, numbers)
             ratio = race_result.ratio if leads else estimate_geometric_mean(np.exp(log_ratios))
-        errors = self._log_errors(path, numbers)
-        return DriveStatistics.from_drives(self._drives(path, numbers), numbers, errors, ratio)
+        errors = self._get_log_errors(path, numbers)
+        return DriveStatistics.from_drives(self._get_drives(path, numbers), numbers, errors, ratio)
 
     def drive_closed_loop(self, race_result: RaceResult) -> dict[int, Arrivals]:
         """Closed-loop drives of the path to take and of the shortest, which may be one."""
-        leader = race_result.leader if race_result.takes(self._settings.bold) else 0
+        leader = race_result.leader if race_result.recommends_leader(self._settings.bold) else 0
         path_numbers = [*dict.fromkeys((0, leader))]
         paths_by_name = dict(self._paths[path] for path in path_numbers)
         arrivals_by_name = drive_closed(
-            self._simulator, paths_by_name, self._closed, route=self._route, progress=self._step
+            self._simulator,
+            paths_by_name,
+            self._closed_loop_numbers,
+            route=self._route,
+            progress=self._report_progress,
         )
-        self._n_done += len(path_numbers) * len(self._closed)
+        self._n_done += len(path_numbers) * len(self._closed_loop_numbers)
         return dict(zip(path_numbers, arrivals_by_name.values(), strict=True))
 
     def drive_rival(self, race_result: RaceResult) -> DriveStatistics | None:
@@ -517,33 +538,35 @@ class CandidateRunner:
         simulator = Simulator(
             base.grid, robot, filter_map=base.filter_map, seed=base.seed, threads=base.threads
         )
-        (drives,) = self._drive(simulator, [0], numbers)
+        (drives,) = self._drive_paths(simulator, [0], numbers)
         errors = self._score_drives(drives)
-        ratio = estimate_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
+        ratio = estimate_geometric_mean(np.exp(errors - self._get_log_errors(0, numbers)))
         if self._progress:
             self._progress(self._total, self._total)
         return DriveStatistics.from_drives(drives, numbers, errors, ratio)
 
-    def _drive(self, simulator: Simulator, paths: Sequence[int], numbers: range) -> list[Drives]:
+    def _drive_paths(
+        self, simulator: Simulator, paths: Sequence[int], numbers: range
+    ) -> list[Drives]:
         paths_by_name = dict(self._paths[path] for path in paths)
         drives_by_name = drive_open(
-            simulator, paths_by_name, numbers, route=self._route, progress=self._step
+            simulator, paths_by_name, numbers, route=self._route, progress=self._report_progress
         )
         self._n_done += len(paths) * len(numbers)
         return [*drives_by_name.values()]
 
-    def _step(self, n_done: int, _: int) -> None:
+    def _report_progress(self, n_done: int, _: int) -> None:
         if self._progress:
             self._progress(self._n_done + n_done, self._total)
 
-    def _drives(self, path: int, numbers: range) -> Drives:
+    def _get_drives(self, path: int, numbers: range) -> Drives:
         errors = [self._errors[path][number] for number in numbers]
         return Drives(self._poses[path], np.array(errors))
 
-    def _log_errors(self, path: int, numbers: range) -> Floats:
-        return self._score_drives(self._drives(path, numbers))
+    def _get_log_errors(self, path: int, numbers: range) -> Floats:
+        return self._score_drives(self._get_drives(path, numbers))
 
     def _score_drives(self, drives: Drives) -> Floats:
         return compute_log_errors(
-            drives.distance, drives.errors, self._settings.minimise, self._worst
+            drives.distance, drives.errors, self._settings.minimise, self._max_error
         )

@@ -24,15 +24,15 @@ from locplan.planning.results import Plan
 from locplan.robots.amcl import Amcl, Filter
 from locplan.robots.presets import SAFE, describe_preset
 from locplan.robots.robot import Robot
-from locplan.simulation.arrivals import FOLLOWER, WORLD, Arrivals
+from locplan.simulation.arrivals import FOLLOWER_FAULT, WORLD_FAULT, Arrivals
 from locplan.simulation.candidates import config_from_costs, make_candidate_costmap, rebuild_costmap
-from locplan.simulation.drives import OFF_SHORT
+from locplan.simulation.drives import LOST_SHORT_TEXT
 from locplan.simulation.problem import SAFE_AMCL, RecommendationSettings
 from locplan.simulation.race import (
     CANDIDATE_COLUMNS,
     PLAN_COLUMNS,
     ROUNDS,
-    WORTHWHILE,
+    WORTHWHILE_LOG_RATIO,
     Candidate,
     DriveStatistics,
     RaceResult,
@@ -120,9 +120,9 @@ FEWER_REACH = (
     " {other_count} of {n}."
 )
 FAULTS = {
-    FOLLOWER: "Drives that fail even with perfect localization: {count}. Check the footprint and"
-    " the narrow passages.",
-    WORLD: "Drives without a way to the goal in their simulated world: {count}.",
+    FOLLOWER_FAULT: "Drives that fail even with perfect localization: {count}. Check the footprint"
+    " and the narrow passages.",
+    WORLD_FAULT: "Drives without a way to the goal in their simulated world: {count}.",
 }
 TUNE_FIRST = (
     "Tune the filter first: with {settings}, the shortest path ({shortest}) has {change} than with"
@@ -215,12 +215,12 @@ def _choose_template(decision: Decision) -> str:
         if verdict == UNDECIDED:
             return TAKE_UNDECIDED
         return TAKE_LESS_LOST if ratio.high >= 1 else TAKE_BETTER
-    if judgement.takes(settings.bold):
+    if judgement.recommends_leader(settings.bold):
         return KEEP_FEWER_REACH
     if judgement.more_lost and (verdict != NO_DIFFERENCE) and ratio.low <= 1:
         return KEEP_MORE_LOST
     is_time_up = settings.time_limit is not None and len(judgement.drives) < settings.drives
-    is_open = ratio.low <= math.exp(WORTHWHILE)
+    is_open = ratio.low <= math.exp(WORTHWHILE_LOG_RATIO)
     templates = {
         BETTER: KEEP_SMALL_GAIN,
         WORSE: KEEP_BEST,
@@ -286,13 +286,15 @@ def format_reached(decision: Decision) -> str:
         if candidate.arrivals and candidate is not recommended
     ]
     if not other_arrivals:
-        return REACHED.format(count=reached.count, n=len(reached.drives))
+        return REACHED.format(count=reached.n_reached, n=len(reached.drives))
     (other,) = other_arrivals
-    template = FEWER_REACH if decision.best and reached.count < other.count else REACHED_BOTH
+    template = (
+        FEWER_REACH if decision.best and reached.n_reached < other.n_reached else REACHED_BOTH
+    )
     return template.format(
-        count=reached.count,
+        count=reached.n_reached,
         n=len(reached.drives),
-        other_count=other.count,
+        other_count=other.n_reached,
         other_path="shortest path" if decision.best else "best other candidate",
     )
 
@@ -333,7 +335,7 @@ def format_tune_first(decision: Decision) -> str:
     )
     return template.format(
         kind=_describe_kind(decision.recommended_candidate or shortest, shortest),
-        settings=name_tuned_settings(decision),
+        settings=format_tuned_settings(decision),
         shortest=format_length(shortest),
         change=format_change(verdict.ratio, decision.settings.minimise),
     )
@@ -345,7 +347,7 @@ def format_tuning_fails(decision: Decision) -> str:
     if rival is None or shortest is None or rival.lost_rate.value < MOSTLY_LOST:
         return ""
     sentence = TUNING_FAILS.format(
-        settings=name_tuned_settings(decision), lost=int(rival.lost.sum()), n=len(rival.lost)
+        settings=format_tuned_settings(decision), lost=int(rival.lost.sum()), n=len(rival.lost)
     )
     share = 100 * shortest.metrics.degenerate_share
     return f"{sentence} {BLIND.format(share=share)}" if share >= 100 * MOSTLY_LOST else sentence
@@ -373,12 +375,14 @@ def compare_tuning(decision: Decision) -> Verdict | None:
                 DriveSet(statistics.log_error[:count], statistics.lost[:count]), alternative
             )
         )
-    is_worthwhile = all(verdict.ratio.value <= math.exp(WORTHWHILE) for verdict in verdicts)
+    is_worthwhile = all(
+        verdict.ratio.value <= math.exp(WORTHWHILE_LOG_RATIO) for verdict in verdicts
+    )
     is_better = all(verdict.word == BETTER for verdict in verdicts)
     return verdicts[0] if is_better and is_worthwhile else None
 
 
-def name_tuned_settings(decision: Decision) -> str:
+def format_tuned_settings(decision: Decision) -> str:
     """Return the settings of the filter that was driven next to the robot's own."""
     rival = decision.settings.rival
     if rival not in (None, SAFE_AMCL):
@@ -400,7 +404,7 @@ def list_answer(decision: Decision) -> list[str]:
     return [line for line in lines if line]
 
 
-INTERVAL_NOTE = f"[low, high]: 95 % interval; lost: {OFF_SHORT} at some time"
+INTERVAL_NOTE = f"[low, high]: 95 % interval; lost: {LOST_SHORT_TEXT} at some time"
 """Explains the columns of the drives."""
 RACE_NOTE = (
     f"~: eliminated after {ROUNDS[0]} or {ROUNDS[1]} drives; the error is estimated from the ratio"
@@ -409,7 +413,7 @@ RACE_NOTE = (
 """Explains the mark of errors that are scaled."""
 
 
-def evidence_table(decision: Decision) -> str:
+def format_evidence(decision: Decision) -> str:
     """Return the drives of each candidate as a table, the recommended path first; empty without."""
     shortest, recommended = decision.shortest, decision.recommended_candidate
     if shortest is None or recommended is None or shortest.driven is None:
@@ -454,7 +458,7 @@ def list_notes(decision: Decision) -> list[str]:
     notes = [INTERVAL_NOTE] if starts else []
     notes += [RACE_NOTE] if len(starts) > 1 else []
     if decision.rival is not None:
-        notes.append(f"tuned: {name_tuned_settings(decision)}")
+        notes.append(f"tuned: {format_tuned_settings(decision)}")
     return notes
 
 
@@ -545,7 +549,9 @@ class Recommendation(Result, StoredResult):
         """Index of the candidate to take: the aware path of the field where nothing was driven."""
         if self.judgement is None:
             return int(len(self.candidates) > 1 and self.candidates[1].planner != "")
-        takes = self.judgement.takes(self.settings.bold) and not self._fails_more
+        takes = (
+            self.judgement.recommends_leader(self.settings.bold) and not self._has_fewer_arrivals
+        )
         return self.judgement.leader if takes else 0
 
     @property
@@ -556,13 +562,13 @@ class Recommendation(Result, StoredResult):
         ]
 
     @property
-    def _fails_more(self) -> bool:
+    def _has_fewer_arrivals(self) -> bool:
         """Whether the robot arrives too seldom by the winner of the race."""
         if len(self._arrivals) < 2:
             return False
         shortest, leader = self._arrivals
         # It may fail in an eighth of the drives more than the shortest.
-        return shortest.count - leader.count > len(leader.drives) / 8
+        return shortest.n_reached - leader.n_reached > len(leader.drives) / 8
 
     @property
     def shortest(self) -> Candidate | None:
@@ -707,7 +713,7 @@ class Recommendation(Result, StoredResult):
         if not self.candidates:
             return self.sentence
         evidence = [*wrap_lines([f"{self.drives_text}:"])] if self.judgement else []
-        evidence.append(evidence_table(self._decision) or str(self.table()))
+        evidence.append(format_evidence(self._decision) or str(self.table()))
         notes = list_notes(self._decision)
         notes += [
             f"{candidate.name}: {candidate.note}" for candidate in self.candidates if candidate.note

@@ -36,8 +36,8 @@ from locplan.planning.named_maps import name_maps
 from locplan.planning.plans import check_ends
 from locplan.planning.queries import MIN_DISTANCE, Query, check_random, normalize_queries
 from locplan.robots.robot import Robot
-from locplan.simulation.drives import LOST
-from locplan.simulation.problem import RecommendationSettings, check_settings
+from locplan.simulation.drives import LOST_DISTANCE
+from locplan.simulation.problem import RecommendationSettings, normalize_settings
 from locplan.simulation.race import Candidate
 from locplan.simulation.recommendation import Recommendation
 from locplan.simulation.recommender import recommend_path
@@ -172,14 +172,14 @@ class Recommendations:
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives along the shortest and the chosen paths: means over the queries."""
-        return self._means("lost")
+        return self._compute_means("lost")
 
     @property
     def off_at_end(self) -> tuple[float, float]:
         """Share of drives off at the end along both: means."""
-        return self._means("off_at_end")
+        return self._compute_means("off_at_end")
 
-    def _means(self, name: str) -> tuple[float, float]:
+    def _compute_means(self, name: str) -> tuple[float, float]:
         value_pairs = np.array(
             [
                 getattr(map_recommendation, name)
@@ -241,7 +241,7 @@ class Recommendations:
         return (
             f"{Table(columns, tuple(rows))}\ndetours leave the shortest path; chosen over shortest,"
             " by the drives that\nconfirmed it [95 % intervals]; lost, off at the end: by"
-            f" > {LOST:g} m"
+            f" > {LOST_DISTANCE:g} m"
         )
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -398,7 +398,7 @@ def recommend_paths(
     """
     check_threads(threads)
     maps_by_name = name_maps(maps)
-    settings = check_settings(settings)
+    settings = normalize_settings(settings)
     check_single_map(settings.filter_map, maps_by_name)
     check_random(queries if is_integer(queries) else 1, query_seed, min_distance)
     check_integer("seed", seed, 0)

@@ -31,7 +31,7 @@ from locplan.planning.protocol import LATTICE, Planner, PlannerResult, Position
 from locplan.planning.results import Plan
 from locplan.robots.robot import Robot
 from locplan.simulation.candidates import (
-    WEIGHTS,
+    AWARE_WEIGHTS,
     Candidates,
     SearchRegion,
     UserCandidates,
@@ -44,11 +44,11 @@ from locplan.simulation.candidates import (
     parse_user_candidates,
 )
 from locplan.simulation.problem import (
-    Compute,
+    ComputeField,
     Minimise,
     PlanningProblem,
     RecommendationSettings,
-    check_settings,
+    normalize_settings,
 )
 from locplan.simulation.race import (
     Candidate,
@@ -71,7 +71,7 @@ def recommend_path(
     costs: Costmap | FieldConfig | None = None,
     zones: Zones | None = None,
     candidates: Candidates = (),
-    compute: Compute | None = None,
+    compute: ComputeField | None = None,
     settings: RecommendationSettings | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -151,7 +151,7 @@ def recommend_path(
     'better'
     """
     check_grid(grid)
-    settings = check_settings(settings)
+    settings = normalize_settings(settings)
     robot, user_costmap, config = _resolve_robot_and_field(grid, robot, costs)
     zones = normalize_zones(zones)
     if user_costmap is not None:
@@ -179,14 +179,14 @@ def recommend_path(
         compute or compute_field,
         zones,
     )
-    default_space = LATTICE if problem.by_lattice else "R2"
+    default_space = LATTICE if problem.is_lattice_needed else "R2"
     space = next((planner.space for planner in planners if planner.space != "R2"), default_space)
     problem = problem.validate(space)
     check_user_candidates(user_candidates, problem)
     check_filter_map(settings.filter_map, grid)
     check_integer("seed", seed, 0)
     check_threads(threads)
-    shortest = problem.plan_least_cost(problem.blank, limited=False)
+    shortest = problem.plan_least_cost(problem.blank_costmap, limited=False)
     if shortest.path is None:
         return _make_recommendation(problem, seed, user_costmap, failed_plan=shortest)
     if reason := _find_reason_not_driven(problem, space):
@@ -208,10 +208,12 @@ def _recommend_by_drives(
 ) -> Recommendation:
     """The choice among candidates that are driven."""
     settings = problem.settings
-    costs, _ = problem.costs(
-        lambda costs: SearchRegion.around_path(costs, first, problem).aware_paths(WEIGHTS)
+    costs, _ = problem.compute_costmap(
+        lambda costs: SearchRegion.around_path(costs, first, problem).plan_aware_paths(
+            AWARE_WEIGHTS
+        )
     )
-    shortest = problem.shortest(costs) or first
+    shortest = problem.plan_shortest(costs) or first
     if settings.is_limited:
         within = problem.plan_least_cost(costs.for_shortest)
         if within.path is None:
@@ -229,7 +231,7 @@ def _recommend_by_drives(
     until = math.inf if settings.time_limit is None else time.monotonic() + settings.time_limit
     race_result = run_race(
         runner,
-        settings.length_handicaps(
+        settings.compute_length_handicaps(
             [path.length / paths[SHORTEST].length for path in paths.values()]
         ),
         100.0 if settings.minimise == "lost" else 1.0,
@@ -280,7 +282,7 @@ def _resolve_robot_and_field(
 def _find_reason_not_driven(problem: PlanningProblem, space: str) -> str:
     """Why nothing is driven; empty if candidates are."""
     radius = problem.robot.kinematics.turning_radius
-    if not problem.by_lattice and (radius or space not in ("R2", LATTICE)):
+    if not problem.is_lattice_needed and (radius or space not in ("R2", LATTICE)):
         paths_text = "Paths with a turning radius and a budget" if radius else "Paths with headings"
         return f"{paths_text} are not simulated yet."
     if problem.robot.lidar is None:
@@ -305,7 +307,7 @@ def _make_recommendation(
     """Make a recommendation; without a path it has the status and the note of the failed plan."""
     return Recommendation(
         about={
-            **summarize_costs(costs or problem.blank),
+            **summarize_costs(costs or problem.blank_costmap),
             **summarize_filter_map(problem.settings.filter_map),
         },
         start=problem.start,
@@ -336,7 +338,7 @@ def _recommend_untested(
         plans = problem.plan_aware_and_shortest(costs)
         return [plan.path for plan in plans.values() if plan.path is not None]
 
-    costs, field = problem.costs(plan_paths)
+    costs, field = problem.compute_costmap(plan_paths)
     planner = next(
         (candidate for candidate in user_candidates.values() if isinstance(candidate, Planner)),
         None,

@@ -22,8 +22,8 @@ from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import (
-    ARRIVING,
-    SHARES,
+    ARRIVAL_COLUMNS,
+    ENDING_COLUMNS,
     Arrivals,
     ClosedLoopSettings,
     tabulate_ends,
@@ -100,7 +100,7 @@ class Simulation(Result):
                 name: {
                     "drives": len(arrivals.drives),
                     "standstills": arrivals.standstills,
-                    **extract_values(SHARES, arrivals),
+                    **extract_values(ENDING_COLUMNS, arrivals),
                 }
                 for name, arrivals in self.arrivals.items()
             }
@@ -119,12 +119,12 @@ class Simulation(Result):
             for name, path_drives in self.drives.items()
         }
         for name, path_drives in (self.arrivals or {}).items():
-            rows[name] += [column.extract_value(path_drives) for column in ARRIVING]
+            rows[name] += [column.extract_value(path_drives) for column in ARRIVAL_COLUMNS]
         columns = (
             Column("path", title=""),
             *DRIVE_COLUMNS,
             ratio,
-            *(ARRIVING if self.arrivals else ()),
+            *(ARRIVAL_COLUMNS if self.arrivals else ()),
         )
         return Table(columns, tuple(map(tuple, rows.values())))
 
@@ -143,10 +143,10 @@ class Simulation(Result):
 
     def report(self) -> str:
         """Table of the errors along each path, side by side."""
-        return simulation_report(self)
+        return format_simulation(self)
 
 
-def simulation_report(simulation: Simulation) -> str:
+def format_simulation(simulation: Simulation) -> str:
     """Table of the errors along each path, side by side."""
     head, *rows = simulation.table().format_transposed()
     if len(head) == 2:  # one path has no ratio
@@ -158,7 +158,7 @@ def simulation_report(simulation: Simulation) -> str:
         # Ends that no drive has are not worth a line.
         empty_rows = [
             share.heading
-            for share in SHARES[1:]
+            for share in ENDING_COLUMNS[1:]
             if not any(
                 share.extract_value(path_arrivals).value for path_arrivals in arrivals.values()
             )

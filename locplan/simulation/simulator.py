@@ -25,7 +25,7 @@ from locplan.simulation.drives import DriveArguments, DriveLine, make_drive_argu
 from locplan.simulation.levels import Level, find_kink
 from locplan.simulation.worlds import MARGIN, Stage, Window, check_filter_map, make_window
 
-WORLD, BEAMS, CLOSED = 2, 5, 6
+WORLD_STREAM, BEAM_STREAM, CLOSED_LOOP_STREAM = 2, 5, 6
 """Streams of random numbers, see `random_of`; those of closed-loop drives have further numbers."""
 
 
@@ -95,7 +95,7 @@ class Simulator:
         check_memory(f"{count} worlds", 2 * count * self.grid.cells.size, "set fewer worlds")
 
         def make(number: int) -> Octets:
-            seed = int(make_generator(self.seed, WORLD, number).integers(2**63))
+            seed = int(make_generator(self.seed, WORLD_STREAM, number).integers(2**63))
             world = with_boundary_noise(self.grid, noise, seed=seed)
             squares: Octets = empty_squares(world.cells == OCCUPIED)
             return squares
@@ -103,7 +103,7 @@ class Simulator:
         with ThreadPoolExecutor(self.threads) as pool:
             return list(pool.map(make, range(count)))
 
-    def line(self, poses: Poses) -> DriveLine:
+    def make_line(self, poses: Poses) -> DriveLine:
         """Poses in the own axes of both maps, as drives take them.
 
         Parameters
@@ -117,7 +117,7 @@ class Simulator:
         truth = world_to_map_frame(self.filter_map, poses)
         return DriveLine(truth, cells, truth)
 
-    def line_setups(
+    def make_line_setups(
         self, path: Path, poses: Poses, level: Level
     ) -> tuple[tuple[DriveLine, DriveArguments], ...]:
         """The line of a path at a level, with the arguments of the kernels: drives take them in
@@ -132,7 +132,7 @@ class Simulator:
         level : Level
             The level of disturbance.
         """
-        line = self.line(poses)
+        line = self.make_line(poses)
         odometry = level.change_odometry(self.robot.odometry).to_kernel_settings()
         kink = find_kink(path, self.grid) if level.kink_deg else None
         if kink is None:
@@ -145,13 +145,13 @@ class Simulator:
             setups.append((line._replace(truth=truth), arguments))
         return tuple(setups)
 
-    def stage(self, lines: Sequence[DriveLine] = ()) -> Stage:
+    def make_stage(self, lines: Sequence[DriveLine] = ()) -> Stage:
         """The part of the map that drives along some lines need; by default the whole map.
 
         Parameters
         ----------
         lines : sequence of Line, default ()
-            The lines, as `line` gives them.
+            The lines, as `make_line` gives them.
         """
         window: Window = slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1])
         if lines:

@@ -19,19 +19,19 @@ import numpy as np
 from locplan._support.intervals import Interval, compute_wilson_interval, estimate_geometric_mean
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan.simulation.arrivals import Arrivals
-from locplan.simulation.drives import FLOOR, Drives
+from locplan.simulation.drives import MIN_MEAN_SQUARE, Drives
 
 BETTER, WORSE, NO_DIFFERENCE, UNDECIDED = "better", "worse", "no difference", "undecided"
-WORDS = (BETTER, WORSE, NO_DIFFERENCE, UNDECIDED)
+VERDICT_WORDS = (BETTER, WORSE, NO_DIFFERENCE, UNDECIDED)
 """The four verdicts."""
-EQUAL = math.log(1.25)
+EQUAL_LOG_RATIO = math.log(1.25)
 """Logarithm of the ratio of errors up to which, and down to whose inverse, there is no
 difference."""
 LOOKS = (8, 16, 32, 64, 128, 256, 512, 1024)
 """Numbers of drives at which a caller looks, up to its maximum; the last look is at that."""
-ERROR = 0.0125
+ERROR_PROBABILITY = 0.0125
 """Probability with which a test may err on a side if drives are looked at only once."""
-CRITICAL, EXPONENT = 2.40, 0.15
+CRITICAL_VALUE, BOUNDARY_EXPONENT = 2.40, 0.15
 """Critical value at the last look, and the exponent of 2 by which it is greater at each look before
 that one.
 
@@ -39,7 +39,7 @@ The true value passes it at any of up to eight looks with a probability of at mo
 the boundaries of Wang and Tsiatis for drives that double. Their critical value, 2.391, is computed
 by tests/benchmarks/power_of_choices.py; a hundredth more is for Student's quantiles of few drives.
 Fewer looks, or a last one that is nearer, err less often."""
-OFTEN, RARELY = 0.2, 0.03
+OFTEN_OFF_RATE, RARELY_OFF_PROBABILITY = 0.2, 0.03
 """Share of drives that is often off at the end, and the probability with which so many or more seem
 to be rarely off: at 64 drives at most six may be off, at 32 one, and at 16 none."""
 
@@ -71,7 +71,7 @@ class DriveSet:
         lines, ends = [*drives], [*arrivals]
         squares = np.concatenate([line.mean_squares for line in lines])
         return cls(
-            0.5 * np.log(squares + FLOOR),
+            0.5 * np.log(squares + MIN_MEAN_SQUARE),
             np.concatenate([line.lost for line in lines]),
             np.concatenate([line.off_at_end for line in lines]),
             np.concatenate([line_ends.has_reached_goal for line_ends in ends]) if ends else None,
@@ -110,7 +110,7 @@ class DriveSet:
         from scipy.special import bdtr
 
         n_off = 0 if self.off_at_end is None else int(self.off_at_end.sum())
-        return bool(bdtr(n_off, n_drives, OFTEN) <= RARELY)
+        return bool(bdtr(n_off, n_drives, OFTEN_OFF_RATE) <= RARELY_OFF_PROBABILITY)
 
     def can_be_off_more_often(self, looks_left: int) -> bool:
         """Return whether a baseline may exist that is off at the end significantly less often.
@@ -120,7 +120,7 @@ class DriveSet:
         looks_left : int
             Number of looks that may follow.
         """
-        level = _error_probability(looks_left)
+        level = _compute_error_probability(looks_left)
         return _is_off_more_often(np.zeros_like(self.lost), self.off_at_end, level)
 
     @classmethod
@@ -179,7 +179,7 @@ class Verdict:
     """True if the alternative is off at the end in significantly more drives."""
 
 
-class Look(NamedTuple):
+class LookResult(NamedTuple):
     """What paired drives show of some alternatives; all arrays are (alternatives,)."""
 
     mean: Floats
@@ -209,21 +209,24 @@ class Look(NamedTuple):
     def words(self) -> list[str]:
         """The verdict on each alternative."""
         is_equal = (
-            (self.low >= -EQUAL) & (self.high <= EQUAL) & ~self.has_fewer_lost & ~self.has_more_lost
+            (self.low >= -EQUAL_LOG_RATIO)
+            & (self.high <= EQUAL_LOG_RATIO)
+            & ~self.has_fewer_lost
+            & ~self.has_more_lost
         )
         tests = [self.is_better, self.is_worse, is_equal]
         words = np.select(tests, [BETTER, WORSE, NO_DIFFERENCE], UNDECIDED)
         return [str(word) for word in words]
 
 
-def look(
+def evaluate_look(
     log_ratios: Floats,
     baseline_lost: Bools,
     alternative_lost: Bools,
     *,
     looks_left: int | None = 0,
     n_alternatives: int = 1,
-) -> Look:
+) -> LookResult:
     """Test the errors and the lost drives of some alternatives against a baseline.
 
     Parameters
@@ -241,16 +244,16 @@ def look(
     """
     from scipy.special import bdtr
 
-    level = _error_probability(looks_left) / n_alternatives
-    mean, low, high = student_interval(log_ratios, level)
+    level = _compute_error_probability(looks_left) / n_alternatives
+    mean, low, high = compute_student_interval(log_ratios, level)
     saved = (baseline_lost & ~alternative_lost).sum(axis=1)
     harmed = (alternative_lost & ~baseline_lost).sum(axis=1)
     # P(at most so few of the pairs in which one drive is lost), if both lose drives as often
     has_fewer_lost, has_more_lost = (bdtr(n, saved + harmed, 0.5) <= level for n in (harmed, saved))
-    return Look(mean, low, high, has_fewer_lost, has_more_lost)
+    return LookResult(mean, low, high, has_fewer_lost, has_more_lost)
 
 
-def student_interval(values: Floats, level: float) -> tuple[Floats, Floats, Floats]:
+def compute_student_interval(values: Floats, level: float) -> tuple[Floats, Floats, Floats]:
     """Return the mean of each row with both ends of its interval.
 
     Parameters
@@ -285,17 +288,17 @@ def compare_drives(
     alternative : DriveSet
         As many drives of the alternative, in the same worlds and with the same random numbers.
     looks_left, n_alternatives
-        See `look`.
+        See `evaluate_look`.
 
     Examples
     --------
     >>> errors = np.log([0.2, 0.3, 0.25, 0.22, 0.31, 0.18, 0.27, 0.24])
     >>> baseline = DriveSet(errors, np.zeros(8, bool))
     >>> halved = DriveSet(errors - np.linspace(0.6, 0.8, 8), np.zeros(8, bool))
-    >>> compare(baseline, halved).word, compare(halved, baseline).word
+    >>> compare_drives(baseline, halved).word, compare_drives(halved, baseline).word
     ('better', 'worse')
     """
-    last_look = look(
+    last_look = evaluate_look(
         (alternative.log_error - baseline.log_error)[None],
         baseline.lost[None],
         alternative.lost[None],
@@ -315,12 +318,12 @@ def compare_drives(
         bool(last_look.has_fewer_lost[0]),
         bool(last_look.has_more_lost[0]),
         _is_off_more_often(
-            baseline.off_at_end, alternative.off_at_end, _error_probability(looks_left)
+            baseline.off_at_end, alternative.off_at_end, _compute_error_probability(looks_left)
         ),
     )
 
 
-def confirm(
+def confirm_alternative(
     drive: Callable[[range], tuple[DriveSet, DriveSet]],
     numbers: range,
     looks: Sequence[int] | None = None,
@@ -370,13 +373,13 @@ def plan_looks(n_drives: int) -> list[int]:
     return [*itertools.takewhile(lambda count: count < n_drives, LOOKS), n_drives]
 
 
-def _error_probability(looks_left: int | None) -> float:
+def _compute_error_probability(looks_left: int | None) -> float:
     """Return the probability with which a test may err at a look before some others."""
     if looks_left is None:
-        return ERROR
+        return ERROR_PROBABILITY
     from scipy.special import ndtr
 
-    return float(ndtr(-CRITICAL * 2 ** (EXPONENT * looks_left)))
+    return float(ndtr(-CRITICAL_VALUE * 2 ** (BOUNDARY_EXPONENT * looks_left)))
 
 
 def _is_off_more_often(baseline: Bools | None, alternative: Bools | None, level: float) -> bool:

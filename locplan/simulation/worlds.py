@@ -18,13 +18,13 @@ from locplan.maps.grid import OccupancyGrid, check_grid, extent_text
 from locplan.planning.path import Path, divide_poses
 from locplan.robots.parts import Inflation
 from locplan.robots.robot import Robot
-from locplan.simulation.custom_filters import track
+from locplan.simulation.custom_filters import track_drive
 from locplan.simulation.drives import DriveArguments, DriveLine
 from locplan.simulation.levels import Level
 
-POSE_SPACING, TURN = 0.05, 0.1
+POSE_SPACING, MAX_TURN = 0.05, 0.1
 """Maximum distance [m] and turn [rad] between two poses."""
-AHEAD = 0.3
+LOOKAHEAD = 0.3
 """Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
 
 
@@ -70,14 +70,14 @@ def make_path_poses(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
 
 
 def _make_facing_poses(path: Path, at: Floats) -> Poses:
-    """Poses at distances along a path, each facing the point `AHEAD` of it."""
+    """Poses at distances along a path, each facing the point `LOOKAHEAD` of it."""
     positions, ahead = (
         np.column_stack([np.interp(distances, path.distance, v) for v in path.xy.T])
-        for distances in (at, np.minimum(at + AHEAD, path.length))
+        for distances in (at, np.minimum(at + LOOKAHEAD, path.length))
     )
     dx, dy = (ahead - positions).T
     heading = np.arctan2(dy, dx)
-    moving = np.flatnonzero(np.hypot(dx, dy) > AHEAD / 10)
+    moving = np.flatnonzero(np.hypot(dx, dy) > LOOKAHEAD / 10)
     if moving.size:  # at the end nothing lies ahead: keep the last heading
         last = np.searchsorted(moving, np.arange(len(at)), side="right") - 1
         heading = heading[moving[np.maximum(last, 0)]]
@@ -85,8 +85,8 @@ def _make_facing_poses(path: Path, at: Floats) -> Poses:
 
 
 def _insert_turns(poses: Poses) -> Poses:
-    """Poses with further ones inserted where the robot turns by more than `TURN` at once."""
-    return divide_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
+    """Poses with further ones inserted where the robot turns by more than `MAX_TURN` at once."""
+    return divide_poses(poses, np.abs(np.diff(poses[:, 2])) / MAX_TURN)
 
 
 def add_way_back(poses: Poses) -> Poses:
@@ -102,7 +102,7 @@ def add_way_back(poses: Poses) -> Poses:
     return _insert_turns(np.concatenate([poses, way_back]))
 
 
-DRIVE, WORLD, FAULTS = 0, 2, 7
+DRIVE_STREAM, WORLD_STREAM, FAULT_STREAM = 0, 2, 7
 """Streams of random numbers of drives, of their worlds, and of their levels' faults."""
 MARGIN = 2.0
 """Distance beyond the range of the lidar that a part of a map holds [m]."""
@@ -146,22 +146,22 @@ class Stage:
     seed: int
     """Seed of all random numbers."""
 
-    def world(self, route: int, number: int) -> Octets:
+    def make_world(self, route: int, number: int) -> Octets:
         """Return the empty squares of a drive's world, see
         `locplan._support.kernels.rays.empty_squares`.
 
         Parameters
         ----------
         route, number : int
-            The key of the route, see `locplan.simulation.driver.route_key`, and the drive's
+            The key of the route, see `locplan.simulation.driver.compute_route_key`, and the drive's
             number.
         """
         from locplan._support.kernels.rays import empty_squares
 
-        squares: Octets = empty_squares(self.stops_in(route, number))
+        squares: Octets = empty_squares(self.find_occupied_cells(route, number))
         return squares
 
-    def stops_in(self, route: int, number: int) -> Bools:
+    def find_occupied_cells(self, route: int, number: int) -> Bools:
         """Return the cells of the part that are occupied in a drive's world.
 
         They are those of the whole map's world, whatever the part is.
@@ -169,13 +169,13 @@ class Stage:
         Parameters
         ----------
         route, number : int
-            See `world`.
+            See `make_world`.
         """
         from locplan.simulation.kernels.worlds import flip_cells
 
         stops = self.stops.copy()
         if self.noise:
-            seed = make_generator(self.seed, WORLD, route, number).bit_generator.random_raw()
+            seed = make_generator(self.seed, WORLD_STREAM, route, number).bit_generator.random_raw()
             first = self.window[0].start, self.window[1].start
             flip_cells(stops, self._boundary_cells, *first, self.noise, np.uint64(seed))
         return stops
@@ -201,9 +201,9 @@ class Stage:
         line : Line
             The poses.
         world : array
-            What `world` returned for this drive.
+            What `make_world` returned for this drive.
         route, number : int
-            See `world`.
+            See `make_world`.
         arguments : DriveArguments
             Arguments of the kernel.
         level : Level
@@ -214,11 +214,11 @@ class Stage:
 
         cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
         errors = np.empty_like(line.truth)
-        random = make_generator(self.seed, DRIVE, route, number)
+        random = make_generator(self.seed, DRIVE_STREAM, route, number)
         reported = simulate_odometry(random, line.ideal_odometry, arguments.odometry)
-        faults = make_generator(self.seed, FAULTS, route, number)
+        faults = make_generator(self.seed, FAULT_STREAM, route, number)
         reported = level.disturb_odometry(reported, line.ideal_odometry, faults)
-        follow: Any = track if arguments.scores is None else drive
+        follow: Any = track_drive if arguments.scores is None else drive
         follow(
             random,
             line.truth,

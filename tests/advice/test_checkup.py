@@ -18,7 +18,7 @@ from locplan.advice.limits import CheckLimit
 from locplan.advice.next_step import choose_next_action
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.robots.presets import UPDATES
-from locplan.simulation.drives import LOST
+from locplan.simulation.drives import LOST_DISTANCE
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -264,7 +264,7 @@ def test_output_is_short_and_names_all_fixes(
         assert ("Weak spot A" in text) == bool(each.spots)
         for fix in each.fixes:
             assert set(fix.title.split()) <= set(text.split())  # its cell may fold
-        assert text.startswith(f"Your robot gets lost (error > {LOST:g} m) in")
+        assert text.startswith(f"Your robot gets lost (error > {LOST_DISTANCE:g} m) in")
     assert "repaired map" in solid.report()
 
 

@@ -21,8 +21,8 @@ from scipy.optimize import brentq
 from scipy.signal import fftconvolve
 from scipy.stats import norm
 
-from locplan.simulation.race import RaceResult, Scores, run_race
-from locplan.simulation.verdict import EXPONENT
+from locplan.simulation.race import DriveScores, RaceResult, run_race
+from locplan.simulation.verdict import BOUNDARY_EXPONENT
 
 Errors = Callable[[np.random.Generator], np.ndarray]
 """Draws the true ratios of ten paths, the shortest first."""
@@ -60,11 +60,11 @@ def choice_of(case: str, seed: int) -> tuple[RaceResult, float, int]:
     errors = np.log(ratios)[:, None] + deviation * (0.6 * common + 0.8 * own)
     drives = 0
 
-    def drive(paths: list[int], numbers: range) -> Scores:
+    def drive(paths: list[int], numbers: range) -> DriveScores:
         nonlocal drives
         drives += len(paths) * len(numbers)
         some = errors[paths][:, numbers]
-        return Scores(some, np.zeros(some.shape, bool))
+        return DriveScores(some, np.zeros(some.shape, bool))
 
     found = run_race(drive, np.zeros(len(ratios)), 1.0, 64)
     return found, float(ratios[found.leader]), drives
@@ -94,7 +94,7 @@ def critical_value(exponent: float, looks: int, error: float = 0.0125) -> float:
 
 
 def main(choices: int = 1000) -> None:
-    found = ", ".join(f"{critical_value(EXPONENT, looks):.3f}" for looks in (1, 2, 4, 8))
+    found = ", ".join(f"{critical_value(BOUNDARY_EXPONENT, looks):.3f}" for looks in (1, 2, 4, 8))
     print(f"critical value: {found} at the last of 1, 2, 4, 8 looks")
     print("share of the choices; of the last three columns: of the recommended, of the confirmed")
     print(f"{'ten paths':26} recommended undecided median mean  above .95  covered")
@@ -102,7 +102,7 @@ def main(choices: int = 1000) -> None:
         with ProcessPoolExecutor() as pool:
             made = list(pool.map(partial(choice_of, case), range(choices), chunksize=50))
         said = Counter(found.verdict for found, *_ in made)
-        taken = [truth for found, truth, _ in made if found.takes(bold=False)]
+        taken = [truth for found, truth, _ in made if found.recommends_leader(bold=False)]
         held = [found.ratio.low <= t <= found.ratio.high for found, t, _ in made if found.leader]
         undecided = said["undecided"]
         drives = [drives for *_, drives in made]

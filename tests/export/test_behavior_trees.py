@@ -18,7 +18,7 @@ from locplan.maps import OccupancyGrid, environments
 from locplan.planning import Costmap, Path
 from locplan.robots import Amcl
 from locplan.robots.parameter_edits import edit_parameters
-from locplan.simulation.amcl_parameters import write_tuned
+from locplan.simulation.amcl_parameters import write_tuned_parameters
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -312,7 +312,7 @@ def test_written_plugin_names_are_quoted(tmp_path, costs, params):
         nav2_speed(tmp_path / "speed", costs, params=file)
         nav2_routes(tmp_path / "routes", costs, there, params=file)
     write_filter_map(tmp_path, costs.grid)
-    write_tuned(tmp_path / "tuned.yaml", Amcl(alpha1=0.05), file)
+    write_tuned_parameters(tmp_path / "tuned.yaml", Amcl(alpha1=0.05), file)
     if file:
         omni = {"robot_model_type": "nav2_amcl::OmniMotionModel", "other": "a::b"}
         (tmp_path / "edited.yaml").write_bytes(edit_parameters(file, "amcl", omni))

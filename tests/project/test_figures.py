@@ -15,7 +15,7 @@ from locplan.maps.figures import crop_map, draw_map, make_map_axes, map_figure, 
 from locplan.planning import Costmap, Path, Query, plan
 from locplan.planning.figures import costmap_figure, draw_inset, path_figure, plan_figure
 from locplan.robots import Lidar, Robot
-from locplan.simulation.drives import OFF
+from locplan.simulation.drives import LOST_TEXT
 from locplan.simulation.figures import queries_figure
 from locplan.simulation.query_routes import Route, Routes
 
@@ -211,7 +211,7 @@ def test_queries_without_a_lost_drive_have_no_empty_panel(lost, panels):
     figure = queries_figure(Routes(hall(), routes, {"robot": Robot(LIDAR).summary()}))
     assert len(figure.axes) == panels
     title = figure.get_suptitle()
-    assert (f"no drive was {OFF} on either path" in title.replace("\n", " ")) == (panels == 1)
+    assert (f"no drive was {LOST_TEXT} on either path" in title.replace("\n", " ")) == (panels == 1)
     assert LIDAR.title in title.replace("\n", " ")
 
 

@@ -22,7 +22,7 @@ from sybil import Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser
 
-from locplan.simulation.drives import LOST
+from locplan.simulation.drives import LOST_DISTANCE
 
 PROJECT = Path(__file__).resolve().parents[2]
 GUIDES = PROJECT / "examples" / "guides"
@@ -168,10 +168,10 @@ def without_code(text: str) -> str:
 
 @pytest.mark.parametrize("page", LINKING, ids=lambda page: page.name)
 def test_page_defines_lost_at_most_once(page):
-    """So that one edit a page follows one of `LOST`; shown output aside."""
+    """So that one edit a page follows one of `LOST_DISTANCE`; shown output aside."""
     words = " ".join(without_code(page.read_text("utf-8")).split())
     pattern = r"\boff by (?:more than|over|>) ([\d.]+ m|a metre)\b(?! at the goal)"
-    assert re.findall(pattern, words) in ([], [f"{LOST:g} m"])
+    assert re.findall(pattern, words) in ([], [f"{LOST_DISTANCE:g} m"])
 
 
 def anchors(text: str) -> set[str]:

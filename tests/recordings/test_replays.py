@@ -23,7 +23,7 @@ from locplan.recordings.figures import replay_figure
 from locplan.robots import Amcl, Disturbances, Robot
 from locplan.robots.particles import compared_ends
 from locplan.simulation import Simulator, drive_open
-from locplan.simulation.drives import LOST, OFF
+from locplan.simulation.drives import LOST_DISTANCE, LOST_TEXT
 from locplan.simulation.worlds import make_path_poses
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -193,8 +193,10 @@ def test_wrong_covariances_are_told(replayed, factor, said):
 
 def test_a_verdict_begins_with_lost_runs(replayed):
     assert replayed.verdict == replayed.consistency.sentence
-    lost = dataclasses.replace(replayed, errors=replayed.errors + np.array([3 * LOST, 0.0, 0.0]))
-    assert lost.verdict.startswith(f"The filter is {OFF} at some time in 100% of the runs")
+    lost = dataclasses.replace(
+        replayed, errors=replayed.errors + np.array([3 * LOST_DISTANCE, 0.0, 0.0])
+    )
+    assert lost.verdict.startswith(f"The filter is {LOST_TEXT} at some time in 100% of the runs")
     assert "lost first after 0 m, near " in lost.verdict
     assert "tune" not in lost.verdict  # these settings are not Nav2's, so they may be what it found
     untuned = dataclasses.replace(lost, robot=dataclasses.replace(lost.robot, filter=Amcl()))
@@ -230,7 +232,7 @@ def test_sparse_scans_are_noted(grid, drive, replayed):
     assert replay(drive, grid, robot=Robot(filter=often), runs=2).notes == ()
     holds = replay(drive.subsample(4), grid, robot=Robot(filter=SHARP), runs=2)
     first = holds.report().splitlines()[0]
-    assert first.startswith(f"It was never {OFF}, although the filter updated")
+    assert first.startswith(f"It was never {LOST_TEXT}, although the filter updated")
     assert holds.report().count("for lack of scans") == 1
 
 

@@ -11,7 +11,11 @@ from locplan.robots import Amcl, Disturbances, Lidar, Robot
 from locplan.robots.amcl import OMNIDIRECTIONAL
 from locplan.robots.nav2 import read_amcl
 from locplan.simulation import Simulator
-from locplan.simulation.amcl_parameters import BeamCount, find_filter_warnings, write_tuned
+from locplan.simulation.amcl_parameters import (
+    BeamCount,
+    find_filter_warnings,
+    write_tuned_parameters,
+)
 
 LIDAR = Lidar(range=12.0, range_sigma=0.03)
 CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)
@@ -55,9 +59,9 @@ def test_write_tuned_writes_changed_motion_model(tmp_path):
     """The settings were tuned for this model, which --set may have changed."""
     params, written = tmp_path / "nav2.yaml", tmp_path / "tuned.yaml"
     params.write_text("amcl:\n  ros__parameters:\n    robot_model_type: differential\n")
-    write_tuned(written, Amcl(robot_model_type=OMNIDIRECTIONAL), params)
+    write_tuned_parameters(written, Amcl(robot_model_type=OMNIDIRECTIONAL), params)
     assert read_amcl(written) == Amcl(robot_model_type=OMNIDIRECTIONAL)
-    write_tuned(written, Amcl(alpha1=0.1), params)
+    write_tuned_parameters(written, Amcl(alpha1=0.1), params)
     assert "robot_model_type: differential\n" in written.read_text()
 
 
@@ -72,7 +76,7 @@ def test_all_beams_return_in_a_small_room():
     left = BeamCount.interpolate_on_map(simulator)
     assert left.compared == 60  # every sixth of 360
     assert left.returned == 60
-    assert left.warnings() == []
+    assert left.find_warnings() == []
 
 
 def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
@@ -81,7 +85,7 @@ def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
         Simulator(hall(30.0), robot=Robot(lidar, filter=Amcl(max_beams=30)))
     )
     assert 0 < left.returned < 0.5 * left.compared
-    (warning,) = left.warnings()
+    (warning,) = left.find_warnings()
     assert str(left) in warning
     assert f"of {left.compared} beams compared, {left.returned:.0f} return on this map" in warning
 

@@ -18,7 +18,7 @@ from locplan.maps import FREE, OCCUPIED, Zone, Zones
 from locplan.robots import Disturbances, Kinematics
 from locplan.simulation import Arrivals, ClosedLoopSettings, Simulator, drive_closed, simulate
 from locplan.simulation.arrivals import Arrival
-from locplan.simulation.driver import route_key
+from locplan.simulation.driver import compute_route_key
 
 QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
 OUTLINE = Footprint([(0.35, 0.15), (0.35, -0.15), (-0.2, -0.15), (-0.2, 0.15)])
@@ -99,7 +99,7 @@ def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
     first = (*even.xy[0], math.atan2(*(even.xy[6] - even.xy[0])[::-1]))
     stops = grid.cells == OCCUPIED
     truth = oracles.closed_loop.follow(
-        make_generator(3, CLOSED, route_key(path), 0),
+        make_generator(3, CLOSED, compute_route_key(path), 0),
         *(way.tolist(), stops, 0.1, robot, discs, first, 1000),
     )
     assert found.outcome == "arrived"
@@ -267,8 +267,8 @@ def test_a_door_as_wide_as_the_robot_is_the_follower_s_failure_and_a_narrower_on
     found = driven(grid, path, robot, 3)
     assert set(ends(found)) == {"aborted"}
     assert {each.fault for each in found.drives} == {fault}
-    assert found.rate("follower").value == float(fault == "follower")
-    assert found.rate("world").value == float(fault == "world")
+    assert found.compute_rate("follower").value == float(fault == "follower")
+    assert found.compute_rate("world").value == float(fault == "world")
     assert all(each.truth[:, 0].max() < 4.0 for each in found.drives)
 
 

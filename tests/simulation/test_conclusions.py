@@ -17,7 +17,7 @@ from locplan import FieldConfig
 from locplan._support import intervals
 from locplan.field import Fisher
 from locplan.maps import environments
-from locplan.simulation.drives import RATES
+from locplan.simulation.drives import RATE_COLUMNS
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +128,7 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
         "length [m]",
         "error of a typical drive [m]",
         "median error [m]",
-        *(column.title for column in RATES),
+        *(column.title for column in RATE_COLUMNS),
         "RMSE of those never lost [m]",
         "RMSE of all [m]",
     ]

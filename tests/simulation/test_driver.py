@@ -25,7 +25,7 @@ from locplan.simulation import (
     simulate,
 )
 from locplan.simulation.arrivals import Arrival
-from locplan.simulation.driver import CHOOSING, FRESH, route_key
+from locplan.simulation.driver import FIRST_CHOOSING_DRIVE, FIRST_FRESH_DRIVE, compute_route_key
 from locplan.simulation.verdict import DriveSet, compare_drives
 
 LIDAR = Lidar(range=5.0, beams=60)
@@ -86,7 +86,7 @@ def test_world_flips_the_share_of_boundary_cells(noise):
     robot = dataclasses.replace(ROBOT, disturbances=Disturbances(boundary_noise=noise))
     simulator = Simulator(room(200, 300), robot)
     boundary, stops = simulator.boundary, simulator.stops
-    flips = np.array([simulator.stage().stops_in(7, n) != stops for n in range(40)])
+    flips = np.array([simulator.make_stage().find_occupied_cells(7, n) != stops for n in range(40)])
     assert not flips[:, ~boundary].any()
     count = 40 * boundary.sum()
     share = flips[:, boundary].mean()
@@ -95,26 +95,28 @@ def test_world_flips_the_share_of_boundary_cells(noise):
         cells = flips[:, boundary].astype(float)
         assert abs(np.corrcoef(cells[0], cells[1])[0, 1]) < 4 / np.sqrt(cells.shape[1])
         assert abs((cells[:, 1:] * cells[:, :-1]).mean() - noise**2) < 0.005
-        assert (simulator.stage().stops_in(8, 0) != (flips[0] ^ stops)).any()
-        other = Simulator(room(200, 300), robot, seed=2).stage()
-        assert (other.stops_in(7, 0) != (flips[0] ^ stops)).any()
+        assert (simulator.make_stage().find_occupied_cells(8, 0) != (flips[0] ^ stops)).any()
+        other = Simulator(room(200, 300), robot, seed=2).make_stage()
+        assert (other.find_occupied_cells(7, 0) != (flips[0] ^ stops)).any()
 
 
 def test_world_does_not_depend_on_the_part():
     simulator = Simulator(room(200, 300), ROBOT)
-    far = simulator.line(np.array([[22.0, 14.0, 0.0], [24.0, 14.0, 0.0]]))
-    whole, part = simulator.stage(), simulator.stage([far])
+    far = simulator.make_line(np.array([[22.0, 14.0, 0.0], [24.0, 14.0, 0.0]]))
+    whole, part = simulator.make_stage(), simulator.make_stage([far])
     assert min(each.start for each in part.window) > 0
     assert part.stops.shape != whole.stops.shape
-    for number in (0, CHOOSING):
-        world = whole.stops_in(3, number)
-        assert (part.stops_in(3, number) == world[part.window]).all()
+    for number in (0, FIRST_CHOOSING_DRIVE):
+        world = whole.find_occupied_cells(3, number)
+        assert (part.find_occupied_cells(3, number) == world[part.window]).all()
 
 
 def test_world_has_the_same_noise_beside_an_object():
     grid = room(200, 300)
     with_pole = with_objects(grid, Pole(0.2), np.array([[4.0, 3.0, 0.0]]))
-    one, other = (Simulator(each, ROBOT).stage().stops_in(3, 0) for each in (grid, with_pole))
+    one, other = (
+        Simulator(each, ROBOT).make_stage().find_occupied_cells(3, 0) for each in (grid, with_pole)
+    )
     rows, cols = np.nonzero(one != other)
     assert rows.size
     assert (np.hypot(rows * 0.1 - 3.0, cols * 0.1 - 4.0) < 0.5).all()
@@ -179,7 +181,9 @@ def test_drives_of_one_route_are_pairs_and_of_others_are_not():
     assert correlate_ends(drives["long"], drives["bent"]) > 0.9
     for name in ("near", "other"):
         assert abs(correlate_ends(drives["long"], drives[name])) < 0.5
-    paired = drive_open(simulator, {"long": LONG, "near": near}, range(24), route=route_key(LONG))
+    paired = drive_open(
+        simulator, {"long": LONG, "near": near}, range(24), route=compute_route_key(LONG)
+    )
     assert correlate_ends(paired["long"], paired["near"]) > 0.99
     assert (paired["long"].errors == drives["long"].errors).all()
 
@@ -197,13 +201,17 @@ def test_closed_loop_drives_of_one_route_are_pairs_and_of_others_are_not():
 
 
 def test_route_key_counts_in_millimetres():
-    assert route_key(LONG) == route_key(BENT) == route_key([(1.0002, 1.0), (8, 0.9996)])
+    assert (
+        compute_route_key(LONG)
+        == compute_route_key(BENT)
+        == compute_route_key([(1.0002, 1.0), (8, 0.9996)])
+    )
     others = [OTHER, path((8.0, 1.0), (1.0, 1.0)), path((1.0, 1.0), (8.0, 1.001))]
-    assert len({route_key(LONG), *map(route_key, others)}) == 4
+    assert len({compute_route_key(LONG), *map(compute_route_key, others)}) == 4
 
 
 def test_bases_of_numbers_leave_room_for_the_drives_that_are_reported():
-    assert 1024 < CHOOSING < FRESH - 1024
+    assert 1024 < FIRST_CHOOSING_DRIVE < FIRST_FRESH_DRIVE - 1024
     assert ClosedLoopSettings().drives == 16
 
 

@@ -14,7 +14,7 @@ from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.robots import Amcl, Odometry
 from locplan.simulation import LEVELS, NO_FAULT, Level, Simulator, drive_open, select_levels
-from locplan.simulation.drives import LOST
+from locplan.simulation.drives import LOST_DISTANCE
 from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TURNS, Kink, find_kink
 from locplan.simulation.worlds import make_path_poses
 
@@ -134,7 +134,7 @@ def test_drives_at_level_differ_from_fault_on():
     assert not same[:, -1].any()
     assert len(set(first.tolist())) == 6
     assert stopped.distance[first].max() <= 2 * stopped.length / 3 - 1.9
-    assert usual.position_error.max() < LOST < stopped.position_error.max(axis=1).min()
+    assert usual.position_error.max() < LOST_DISTANCE < stopped.position_error.max(axis=1).min()
 
 
 def test_drive_open_leaves_out_unaffected_paths():
@@ -197,7 +197,7 @@ def test_kinked_map_equals_turned_cells(origin, angle):
     xy = np.column_stack(grid.grid_to_world(*(clear.T + 0.5)))
     behind = clear[:, 1] > 110
     assert (kink.is_behind(xy) == behind).all()
-    turned = np.where(behind[:, None], kink.turn(xy, angle), xy)
+    turned = np.where(behind[:, None], kink.turn_positions(xy, angle), xy)
     rows, cols = (np.floor(at).astype(int) for at in kinked.world_to_grid(*turned.T))
     assert (kinked.cells[rows, cols] == grid.cells[clear[:, 0], clear[:, 1]]).all()
     assert kinked.origin[2] == grid.origin[2]

@@ -8,9 +8,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from locplan.simulation.driver import CHOOSING
-from locplan.simulation.race import Scores, run_race
-from locplan.simulation.verdict import BETTER, UNDECIDED, WORDS
+from locplan.simulation.driver import FIRST_CHOOSING_DRIVE
+from locplan.simulation.race import DriveScores, run_race
+from locplan.simulation.verdict import BETTER, UNDECIDED, VERDICT_WORDS
 
 
 class Paths:
@@ -31,13 +31,13 @@ class Paths:
         for path in paths:
             self.driven[path] += len(numbers)
         rows = [[self.drive(path, number) for number in numbers] for path in paths]
-        return Scores(
+        return DriveScores(
             *(np.array(rows)[..., n].astype(kind) for n, kind in enumerate((float, bool)))
         )
 
     def drive(self, path, number):
-        if number >= CHOOSING:  # no drive of the confirmation
-            number += 64 - CHOOSING
+        if number >= FIRST_CHOOSING_DRIVE:  # no drive of the confirmation
+            number += 64 - FIRST_CHOOSING_DRIVE
         error = self.errors[path, number]
         return error, error > 0.8 or (path in self.losing and number % 3 == 0)
 
@@ -64,7 +64,7 @@ def test_a_path_of_four_fifths_of_the_error_is_found():
 
 def test_a_path_that_is_hardly_better_is_hardly_recommended():
     made, _ = verdicts([1.0, 0.96, 1.1, 1.2], count=200)
-    assert np.mean([each.takes(bold=False) for each in made]) <= 0.06
+    assert np.mean([each.recommends_leader(bold=False) for each in made]) <= 0.06
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.85, 0.6])
@@ -128,7 +128,7 @@ def test_drives_double_until_they_decide_or_time_is_up():
         found = paths.judged()
         if found.leader:
             assert len(found.drives) in (8, 16, 32, 64)
-            assert found.verdict in WORDS
+            assert found.verdict in VERDICT_WORDS
     for seed in range(20):
         found = Paths([1.0, 0.93], seed, deviation=0.5).judged(is_time_up=lambda: True)
         assert len(found.drives) == 8
@@ -138,7 +138,7 @@ def test_a_path_that_loses_more_drives_is_never_recommended():
     paths = Paths([1.0, 0.5], 1, losing=(1,))
     found = paths.judged(price_of_loss=0.0)
     assert (found.leader, found.more_lost) == (1, True)
-    assert not found.takes(bold=True)
+    assert not found.recommends_leader(bold=True)
     assert found.ratio.high < 0.8
 
 

@@ -1202,7 +1202,7 @@ def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):
     assert choice.best == 0
     steered = [each for each in choice.candidates if each.arrivals]
     assert steered == [choice.shortest]
-    count = choice.shortest.arrivals.count
+    count = choice.shortest.arrivals.n_reached
     assert (
         choice.reached_text
         == f"In closed loop, the robot reaches the goal in {count} of 16 drives."
@@ -1291,4 +1291,4 @@ def test_length_handicaps_count_excess_in_full():
     settings = RecommendationSettings(longest=1.5, price=0.3)
     allowed = 0.3 * math.log(1.5)
     expected = [0.0, allowed, allowed + math.log(2)]
-    assert settings.length_handicaps([1.0, 1.5, 3.0]) == pytest.approx(expected)
+    assert settings.compute_length_handicaps([1.0, 1.5, 3.0]) == pytest.approx(expected)

@@ -24,7 +24,7 @@ from locplan.robots import Amcl, Disturbances, Robot
 from locplan.robots.amcl import OMNIDIRECTIONAL
 from locplan.robots.nav2 import read_amcl
 from locplan.simulation import Drives, Simulator, drive_open, simulate
-from locplan.simulation.drives import DRIVE_COLUMNS, LOST, compute_rmse_ratio
+from locplan.simulation.drives import DRIVE_COLUMNS, LOST_DISTANCE, compute_rmse_ratio
 from locplan.simulation.figures import simulation_figure
 from locplan.simulation.query_routes import Route, Routes, RoutesOnMaps, simulate_queries
 from locplan.simulation.worlds import make_path_poses
@@ -224,16 +224,16 @@ def test_worlds_differ_from_the_map_and_from_each_other(two_corridors):
 def test_lost_drives_and_their_intervals(two_corridors):
     short = Path(np.array([[2.0, 3.0], [30.0, 3.0]]))
     drives = simulate(two_corridors, {"a": short}, drives=30).drives["a"]
-    assert drives.lost.tolist() == (drives.position_error > LOST).any(axis=1).tolist()
+    assert drives.lost.tolist() == (drives.position_error > LOST_DISTANCE).any(axis=1).tolist()
     assert 0 < drives.lost_rate.low < drives.lost_rate.value < drives.lost_rate.high < 1
-    assert drives.off_at_end.tolist() == (drives.position_error[:, -1] > LOST).tolist()
+    assert drives.off_at_end.tolist() == (drives.position_error[:, -1] > LOST_DISTANCE).tolist()
     assert drives.off_at_end_rate.value == drives.off_at_end.mean()
     mean_square = (drives.errors[..., :2] ** 2).sum(axis=2).mean()
     assert drives.rmse.value == pytest.approx(math.sqrt(mean_square))
     assert drives.rmse.low < drives.rmse.value < drives.rmse.high
     kept = drives.position_error[~drives.lost]
     assert drives.kept_rmse.value == pytest.approx(math.sqrt((kept**2).mean()))
-    assert drives.kept_rmse.low < drives.kept_rmse.value < drives.kept_rmse.high < LOST
+    assert drives.kept_rmse.low < drives.kept_rmse.value < drives.kept_rmse.high < LOST_DISTANCE
     assert drives.median_error.value == np.median(drives.position_error)
     assert drives.median_error.low < drives.median_error.value < drives.median_error.high
     about = extract_values(DRIVE_COLUMNS, drives)
@@ -260,15 +260,15 @@ def test_the_legend_of_a_narrow_map_is_within_the_picture():
 def test_where_all_drives_are_lost_none_is_left_to_tell_of():
     poses = np.column_stack([np.linspace(0, 9, 10), np.zeros((10, 2))])
     errors = np.zeros((6, 10, 3))
-    errors[:, 4, 1] = 2 * LOST
+    errors[:, 4, 1] = 2 * LOST_DISTANCE
     drives = Drives(poses, errors)
     assert drives.lost.all()
     assert np.isnan(drives.kept_rmse).all()
     assert extract_values(DRIVE_COLUMNS, drives)["kept_rmse"] == [None] * 3
     assert drives.median_error == (0.0, 0.0, 0.0)
-    errors[:2, 4, 1] = LOST / 2  # two are too few for an interval
+    errors[:2, 4, 1] = LOST_DISTANCE / 2  # two are too few for an interval
     kept = Drives(poses, errors).kept_rmse
-    assert kept.value == pytest.approx(LOST / 2 / math.sqrt(10))
+    assert kept.value == pytest.approx(LOST_DISTANCE / 2 / math.sqrt(10))
     assert np.isnan(kept[1:]).all()
 
 
@@ -390,7 +390,7 @@ def test_intervals_of_too_few_drives():
     two = drives_with([[2.0], [8.0]])
     assert two.typical_rmse.value == pytest.approx(4.0)
     assert compute_rmse_ratio(two, drives_with([[1.0], [1.0]])).value == pytest.approx(4.0)
-    assert np.isnan(drives_with([[2 * LOST]] * 6).kept_rmse).all()
+    assert np.isnan(drives_with([[2 * LOST_DISTANCE]] * 6).kept_rmse).all()
 
 
 # What AMCL is told.

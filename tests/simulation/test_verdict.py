@@ -23,9 +23,9 @@ from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Amcl
 from locplan.robots.presets import list_applicable_presets
 from locplan.simulation import Drives
-from locplan.simulation.driver import CHOOSING
-from locplan.simulation.drives import LOST
-from locplan.simulation.race import Scores, run_race
+from locplan.simulation.driver import FIRST_CHOOSING_DRIVE
+from locplan.simulation.drives import LOST_DISTANCE
+from locplan.simulation.race import DriveScores, run_race
 from locplan.simulation.verdict import (
     BETTER,
     NO_DIFFERENCE,
@@ -33,8 +33,8 @@ from locplan.simulation.verdict import (
     WORSE,
     DriveSet,
     compare_drives,
-    confirm,
-    look,
+    confirm_alternative,
+    evaluate_look,
     plan_looks,
 )
 
@@ -58,7 +58,7 @@ def draw_pairs(ratios, n_drives, seed, lost=(LOST_SHARE, LOST_SHARE)):
 
 def look_at(ratio, n_drives=64, count=4000, seed=1, lost=(LOST_SHARE, LOST_SHARE), **more):
     (before, after), flags = draw_pairs([ratio] * count, n_drives, seed, lost)
-    return look(after - before, *flags, **more)
+    return evaluate_look(after - before, *flags, **more)
 
 
 def words_at_looks(ratio, count=4000, limit=64, **more):
@@ -67,7 +67,9 @@ def words_at_looks(ratio, count=4000, limit=64, **more):
     words = np.full(count, UNDECIDED, object)
     counts = plan_looks(limit)
     for left, n in zip(reversed(range(len(counts))), counts, strict=True):
-        shown = look(after[:, :n] - before[:, :n], lost[:, :n], others[:, :n], looks_left=left)
+        shown = evaluate_look(
+            after[:, :n] - before[:, :n], lost[:, :n], others[:, :n], looks_left=left
+        )
         words = np.where(words == UNDECIDED, shown.words, words)
     return Counter(words.tolist())
 
@@ -109,7 +111,10 @@ def test_only_look_has_the_whole_error_probability():
 
 def test_verdict_is_its_own_mirror_image():
     (before, after), (lost, others) = draw_pairs([0.85] * 500, 32, 3, (0.3, 0.1))
-    one, other = look(after - before, lost, others), look(before - after, others, lost)
+    one, other = (
+        evaluate_look(after - before, lost, others),
+        evaluate_look(before - after, others, lost),
+    )
     mirror = {BETTER: WORSE, WORSE: BETTER}
     assert other.words == [mirror.get(word, word) for word in one.words]
     assert len({*one.words}) > 1
@@ -153,12 +158,18 @@ def test_verdict_intervals_cover_the_truth():
 
 def test_drive_set_joins_lines_and_knows_the_end():
     errors = np.zeros((3, 5, 3))
-    errors[0, 2, 0], errors[1, -1, 1], errors[2, -1, 0] = LOST + 0.5, LOST + 0.1, LOST - 0.1
+    errors[0, 2, 0], errors[1, -1, 1], errors[2, -1, 0] = (
+        LOST_DISTANCE + 0.5,
+        LOST_DISTANCE + 0.1,
+        LOST_DISTANCE - 0.1,
+    )
     drives = Drives(np.zeros((5, 3)), errors)
     joined = DriveSet.from_drives([drives, drives])
     assert joined.lost.tolist() == [True, True, False] * 2
     assert joined.off_at_end.tolist() == [False, True, False] * 2
-    assert joined.log_error[0] == pytest.approx(0.5 * math.log((LOST + 0.5) ** 2 / 5), abs=1e-5)
+    assert joined.log_error[0] == pytest.approx(
+        0.5 * math.log((LOST_DISTANCE + 0.5) ** 2 / 5), abs=1e-5
+    )
     verdict = compare_drives(joined, joined)
     assert verdict.off_at_end.alternative.value == pytest.approx(1 / 3)
 
@@ -181,19 +192,21 @@ def confirmation(ratio, seed, limit=64):
 
 def test_confirm_ends_as_soon_as_it_is_decided():
     drive, counts = confirmation(0.2, 1)
-    assert confirm(drive, range(64)).word == BETTER
+    assert confirm_alternative(drive, range(64)).word == BETTER
     assert counts == [8]
     drive, counts = confirmation(0.9, 1)
-    verdict = confirm(drive, range(64))
+    verdict = confirm_alternative(drive, range(64))
     assert sum(counts) == verdict.n_drives in (16, 32, 64)
     drive, counts = confirmation(0.9, 1)
-    assert confirm(drive, range(64), is_time_up=lambda: True).n_drives == counts[0] == 8
+    assert confirm_alternative(drive, range(64), is_time_up=lambda: True).n_drives == counts[0] == 8
     drive, counts = confirmation(0.2, 1)
-    assert confirm(drive, range(64), looks=[64]).n_drives == counts[0] == 64
+    assert confirm_alternative(drive, range(64), looks=[64]).n_drives == counts[0] == 64
 
 
 def test_confirm_rarely_prefers_one_of_two_equals():
-    words = Counter(confirm(confirmation(1.0, n)[0], range(64)).word for n in range(1000))
+    words = Counter(
+        confirm_alternative(confirmation(1.0, n)[0], range(64)).word for n in range(1000)
+    )
     assert words[BETTER] <= 30
 
 
@@ -202,7 +215,10 @@ def test_confirm_rarely_prefers_one_of_two_equals():
 
 def place_of(numbers, drives):
     """Return the places of drives in arrays: first those that judge, then those that choose."""
-    return [number if number < CHOOSING else number - CHOOSING + drives for number in numbers]
+    return [
+        number if number < FIRST_CHOOSING_DRIVE else number - FIRST_CHOOSING_DRIVE + drives
+        for number in numbers
+    ]
 
 
 def choose_among(ratios, seed, drives=64):
@@ -215,13 +231,13 @@ def choose_among(ratios, seed, drives=64):
 
     def drive(paths, numbers):
         at = np.ix_([*paths], place_of(numbers, drives))
-        return Scores(errors[at], lost[at])
+        return DriveScores(errors[at], lost[at])
 
     return run_race(drive, np.zeros(len(ratios)), 1.0, drives)
 
 
 def test_choose_rarely_recommends_one_of_eight_equals():
-    taken = [choose_among([1.0] * 9, seed).takes(bold=False) for seed in range(400)]
+    taken = [choose_among([1.0] * 9, seed).recommends_leader(bold=False) for seed in range(400)]
     assert np.mean(taken) <= 0.025
 
 
@@ -232,7 +248,7 @@ def test_choose_agrees_with_the_verdict_on_its_drives():
         def drive(paths, numbers, pairs=((before, lost), (after, others))):
             at = place_of(numbers, 8)
             rows = [(errors[0, at], flags[0, at]) for errors, flags in (pairs[n] for n in paths)]
-            return Scores(*(np.array(part) for part in zip(*rows, strict=True)))
+            return DriveScores(*(np.array(part) for part in zip(*rows, strict=True)))
 
         found = run_race(drive, np.zeros(2), 1.0, 8)
         if found.leader:
@@ -327,8 +343,8 @@ def test_check_lets_fresh_drives_alone_decide():
 def drives_of(log_errors, lost, n_poses=400):
     """Return Drives of these errors; lost ones are off by more than LOST at one pose."""
     errors = np.zeros((len(lost), n_poses, 3))
-    errors[..., 0] = np.minimum(np.exp(log_errors), LOST - 0.1)[:, None]
-    errors[lost, n_poses // 2, 0] = LOST + 0.1
+    errors[..., 0] = np.minimum(np.exp(log_errors), LOST_DISTANCE - 0.1)[:, None]
+    errors[lost, n_poses // 2, 0] = LOST_DISTANCE + 0.1
     return Drives(np.zeros((n_poses, 3)), errors)
 
 
