@@ -42,7 +42,7 @@ class Paths:
         return error, error > 0.8 or (path in self.losing and number % 3 == 0)
 
     def judged(self, **more):
-        asked = {"price_of_loss": 1.0, "drives": 64, **more}
+        asked = {"loss_penalty": 1.0, "n_drives": 64, **more}
         return run_race(self, np.zeros(len(self.means)), **asked)
 
 
@@ -89,7 +89,7 @@ def test_confirming_drives_are_fresh_and_paired():
 
 def test_the_first_rounds_keep_the_shortest_and_four_others():
     paths = Paths([1.0, *[0.99] * 6, 9.0], 3)
-    paths.judged(drives=2)
+    paths.judged(n_drives=2)
     assert sorted(paths.driven.values())[:3] == [4, 4, 4]
     assert paths.driven[7] == 4
     assert sum(count >= 8 for count in paths.driven.values()) == 5
@@ -118,7 +118,7 @@ def test_the_best_of_several_finalists_is_held_by_its_interval():
 
 def test_a_path_that_is_clearly_better_is_taken_before_one_that_loses_more():
     paths = Paths([1.0, 0.5, 0.51], 1, deviation=0.2, losing=(1,))
-    found = paths.judged(price_of_loss=0.0)
+    found = paths.judged(loss_penalty=0.0)
     assert (found.leader, found.verdict, found.more_lost) == (2, BETTER, False)
 
 
@@ -136,14 +136,14 @@ def test_drives_double_until_they_decide_or_time_is_up():
 
 def test_a_path_that_loses_more_drives_is_never_recommended():
     paths = Paths([1.0, 0.5], 1, losing=(1,))
-    found = paths.judged(price_of_loss=0.0)
+    found = paths.judged(loss_penalty=0.0)
     assert (found.leader, found.more_lost) == (1, True)
     assert not found.recommends_leader(bold=True)
     assert found.ratio.high < 0.8
 
 
 def test_a_lost_drive_and_the_handicap_count_in_the_race():
-    assert Paths([1.0, 0.5], 1, losing=(1,)).judged(price_of_loss=9.0).leader == 0
+    assert Paths([1.0, 0.5], 1, losing=(1,)).judged(loss_penalty=9.0).leader == 0
     paths = Paths([1.0, 0.8, 0.7], 1, deviation=0.1)
     assert run_race(paths, np.array([0.0, 0.0, 0.5]), 1.0, 8).leader == 1
 
