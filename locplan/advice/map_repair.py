@@ -29,7 +29,7 @@ from locplan.robots.amcl import Amcl
 from locplan.robots.parameters import read_parameters
 from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
-from locplan.simulation.drives import Drives, check_drives, rate_column
+from locplan.simulation.drives import Drives, check_drives, make_rate_column
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import DriveSet, compare_drives
 
@@ -122,8 +122,8 @@ class RepairedMap(Result):
         """Return the table of the verdicts, a row for each filter."""
         columns = (
             Column("filter", title="filter"),
-            rate_column("lost_as_is", "lost, original"),
-            rate_column("lost_repaired", "lost, repaired"),
+            make_rate_column("lost_as_is", "lost, original"),
+            make_rate_column("lost_repaired", "lost, repaired"),
             Column("rmse_ratio", title="error ratio", interval=True),
             Column("verdict", title="verdict"),
         )

@@ -212,9 +212,9 @@ class PresetChoice:
                 " The recording decides."
             )
         return (
-            f"Lost: {LOST_TEXT} at some time. The usual level decides. At every further level the safe"
-            f" preset must not be off at the end significantly more often than {USER_SETTINGS}, and"
-            " the precise preset only rarely."
+            f"Lost: {LOST_TEXT} at some time. The usual level decides. At every further level the"
+            f" safe preset must not be off at the end significantly more often than {USER_SETTINGS},"
+            " and the precise preset only rarely."
         )
 
 

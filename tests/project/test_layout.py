@@ -79,7 +79,7 @@ def test_command_line_starts_without_heavy_libraries():
 
 
 def test_lost_limit_stands_once():
-    """Texts take it from `OFF` and `OFF_SHORT`, so that one edit of `LOST` changes all of them."""
+    """Texts take it from `LOST_TEXT` and `LOST_SHORT_TEXT`, so that one edit changes all."""
     pattern = r"(?:off by|error of|error) (?:more than|over|>) [\d.]+ m\b|\d m off\b"
     for path in [*MODULES, *PACKAGE.rglob("*.html"), *PACKAGE.rglob("*.js")]:
         assert not re.search(pattern, path.read_text("utf-8")), path
