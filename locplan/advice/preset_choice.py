@@ -213,8 +213,8 @@ class PresetChoice:
             )
         return (
             f"Lost: {LOST_TEXT} at some time. The usual level decides. At every further level the"
-            f" safe preset must not be off at the end significantly more often than {USER_SETTINGS},"
-            " and the precise preset only rarely."
+            f" safe preset must not be off at the end significantly more often than"
+            f" {USER_SETTINGS}, and the precise preset only rarely."
         )
 
 
