@@ -22,8 +22,8 @@ def main(folder: str = "navigation", map_file: str | None = None) -> None:
     target.mkdir(parents=True, exist_ok=True)
 
     mask = nav2_keepout(target / "keepout", costs, planner="smac2d")
-    print(f"SmacPlanner2D: {mask.planner.parameter} {mask.param:g} charges J to within")
-    print(f"{mask.quantisation:.3f} per metre, up to weight · u = {mask.greatest:.2f}")
+    print(f"SmacPlanner2D: {mask.planner.parameter} {mask.parameter_value:g} charges J to within")
+    print(f"{mask.quantisation:.3f} per metre, up to weight · u = {mask.max_excess:.2f}")
     nav2_speed(target / "speed", costs, slowest=0.3)
     if map_file is None:
         plan = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0))

@@ -25,7 +25,7 @@ from PIL import Image
 import locplan
 from locplan import FieldConfig, Fisher, Footprint, Fused, Lidar, OccupancyGrid, Robot, Sad, Scan
 from locplan.export import nav2_keepout, nav2_speed
-from locplan.export.masks import keepout_mask
+from locplan.export.masks import compute_keepout_mask
 from locplan.maps import environments
 from locplan.planning import random_queries
 from locplan.planning.pareto import BudgetPlanner
@@ -170,7 +170,7 @@ def plan_arrays(name: str, plan: locplan.Plan) -> Iterator[tuple[str, np.ndarray
 def masks(costs: locplan.Costmap, name: str) -> Iterator[tuple[str, np.ndarray]]:
     """Keepout masks for Nav2's planners, and the pixels of the exports' images."""
     for planner in ("smac2d", "smac-hybrid", "thetastar"):
-        yield f"mask/{name}/{planner}", keepout_mask(costs, planner=planner)[0]
+        yield f"mask/{name}/{planner}", compute_keepout_mask(costs, planner=planner)[0]
     writers = {"keepout": nav2_keepout, "speed": nav2_speed}
     with tempfile.TemporaryDirectory() as folder:
         for kind, write in writers.items():

@@ -10,7 +10,7 @@ from locplan._support.tables import write_rows
 from locplan.advice.check_result import Check
 from locplan.advice.fixes import CORRECTED_MAP, FULL_RANGE, LANDMARKS, PATHS, REPAIRED_MAP, SETTINGS
 from locplan.export.nav2 import nav2_keepout
-from locplan.export.parameters import write_merged
+from locplan.export.parameters import write_merged_parameters
 from locplan.export.servers import write_filter_map
 from locplan.maps.files import corrected_yaml, save_map
 from locplan.robots.parameters import read_parameters
@@ -76,7 +76,7 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
     params = base = as_files(params)
     if kinds & {FULL_RANGE, SETTINGS} and has_amcl(params):
         if len(params) > 1:
-            write_merged(parameter_file, params)
+            write_merged_parameters(parameter_file, params)
             base = [parameter_file]
         write_tuned_parameters(parameter_file, check.fixed_scenario.robot.amcl, base[0])
         base = [parameter_file]

@@ -1,4 +1,4 @@
-"""What others have: maps and scenarios of MovingAI's benchmarks, and the benchmark logs of OMPL."""
+"""Maps and scenarios of MovingAI's benchmarks, and benchmark logs of OMPL."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from locplan._support.reading import read_text
 from locplan.comparison.statistics import (
     MEASURES,
     Array,
-    Run,
-    best_so_far,
+    PlannerRun,
     compute_median_costs,
+    list_best_costs,
     query_from_run,
 )
 from locplan.errors import LocplanError, MapError
@@ -34,14 +34,14 @@ from locplan.planning.queries import Query
 
 
 def read_benchmark_map(file: Path) -> OccupancyGrid:
-    """Read a map of map_server or, if its name ends in .map, of MovingAI."""
+    """Read a map of map_server, or of MovingAI if the file's name ends in .map."""
     return read_movingai_map(file) if file.suffix == ".map" else load_map(file)
 
 
 def read_movingai_map(path: str | os.PathLike[str], resolution: float = 1.0) -> OccupancyGrid:
-    """The map of a MovingAI benchmark: passable cells are free, all others are walls.
+    """Read a map of MovingAI's benchmarks: passable cells are free, all others are walls.
 
-    The file's first row of cells is the map's top, which has the greatest y.
+    The first row of the file is the top of the map, at the greatest y.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def read_movingai_map(path: str | os.PathLike[str], resolution: float = 1.0) -> 
     Raises
     ------
     LocplanError
-        If the file cannot be read, or is no such map.
+        If the file cannot be read, or is no MovingAI map.
     """
     path = check_file_path("a map file", path)
     lines = read_text(path).splitlines()
@@ -61,7 +61,7 @@ def read_movingai_map(path: str | os.PathLike[str], resolution: float = 1.0) -> 
         raise MapError(f"{path}: is no MovingAI map; its first line must be 'type octile'")
     rows = [row for row in lines[lines.index("map") + 1 :] if row]
     if len({len(row) for row in rows}) != 1:
-        raise MapError(f"{path}: its rows must all have one length; download it anew")
+        raise MapError(f"{path}: its rows must all have the same length; download it again")
     letters = np.frombuffer("".join(rows[::-1]).encode("latin-1", "replace"), np.uint8)
     passable = np.isin(letters, list(b".GS")).reshape(len(rows), -1)
     cells = np.where(passable, np.uint8(FREE), np.uint8(OCCUPIED))
@@ -71,9 +71,9 @@ def read_movingai_map(path: str | os.PathLike[str], resolution: float = 1.0) -> 
 def read_scenarios(
     path: str | os.PathLike[str], grid: OccupancyGrid, *, count: int | None = None
 ) -> list[Query]:
-    """The scenarios of a MovingAI benchmark as queries, from cell centre to cell centre.
+    """Read the scenarios of a MovingAI benchmark as queries between cell centres.
 
-    The rows of a .scen file count from the map's top.
+    The rows of a .scen file count from the top of the map.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ def read_scenarios(
     grid : OccupancyGrid
         The map that the scenarios are for.
     count : int, optional
-        Maximum number of queries, taken evenly over the file, where they are sorted by length;
-        all by default.
+        Maximum number of queries, spread evenly over the file, which is sorted by length; all by
+        default.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def read_scenarios(
     if not lines or not lines[0].startswith("version"):
         raise LocplanError(f"{path}: is no MovingAI scenario; its first line must be 'version 1'")
     queries = [
-        _scenario(path, number, line, grid)
+        _parse_scenario(path, number, line, grid)
         for number, line in enumerate(lines[1:], 2)
         if line.strip()
     ]
@@ -104,7 +104,7 @@ def read_scenarios(
     return [queries[n] for n in np.linspace(0, len(queries) - 1, count).round().astype(int)]
 
 
-def _scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
+def _parse_scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
     fields = line.split()
     try:
         cols, rows, start_col, start_row, goal_col, goal_row = map(int, fields[-7:-1])
@@ -125,7 +125,7 @@ def _scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
     return Query(f"scenario {number - 1}", start, goal)
 
 
-OUTCOMES: Mapping[str, str] = {
+STATUS_BY_OMPL_NAME: Mapping[str, str] = {
     **dict.fromkeys(("Unknown status", "Invalid start", "Invalid goal"), ""),
     "Unrecognized goal type": "",
     "Timeout": "timeout",
@@ -137,12 +137,13 @@ OUTCOMES: Mapping[str, str] = {
     **{status.capitalize(): status for status in ("unreachable", "error", "hung", "out of memory")},
     "Not found": "not found",
 }
-"""Statuses of runs by their names in logs, in the order of their numbers there; those up to
-"Infeasible" are OMPL's own, so that its logs may join the database."""
+"""Statuses of runs by their names in logs, in the order of their numbers in logs.
+
+The names up to "Infeasible" are OMPL's, so that its logs fit into the same database."""
 
 
 def write_ompl_logs(
-    runs: Iterable[Run],
+    runs: Iterable[PlannerRun],
     folder: str | os.PathLike[str],
     *,
     baseline: str | None = None,
@@ -150,15 +151,15 @@ def write_ompl_logs(
     memory_limit: float = math.nan,
     started: datetime | None = None,
 ) -> list[Path]:
-    """Write one log for every map, configuration, weight and query into a folder.
+    """Write an OMPL log for every map, configuration, weight and query into a new folder.
 
-    J differs between maps, configurations and weights: each of their combinations is one of
-    Planner Arena's problems. The query is a parameter of the problem, over which its box plots
-    aggregate, or which they take apart. Where a problem has a single query it is no parameter:
-    Planner Arena's progress page fails on parameters with one value.
+    Each combination of map, configuration and weight is a problem of Planner Arena, since J differs
+    between them. The query is a parameter of the problem, which box plots can aggregate or
+    separate. The only query of a problem is no parameter, because Planner Arena's progress page
+    fails on parameters with one value.
 
-    The folder is made for them. ``ompl_benchmark_statistics -d arena.db
-    FOLDER/*.log`` makes the database, and replaces an `arena.db` that is there.
+    ``ompl_benchmark_statistics -d arena.db FOLDER/*.log`` creates the database and replaces an
+    existing `arena.db`.
 
     Parameters
     ----------
@@ -167,11 +168,11 @@ def write_ompl_logs(
     folder : path
         The folder, which must not exist.
     baseline : str, optional
-        Label of the planner by whose J of the same query the relative cost is divided.
+        Label of the planner whose J of the same query is the unit of the relative cost.
     time_limit, memory_limit : float, default nan
-        The limits of a run [s, MB]; NaN where they are not known.
+        The limits of a run [s, MB]; NaN if unknown.
     started : datetime, optional
-        When the runs began; now by default.
+        Start time of the runs; now by default.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def write_ompl_logs(
     if not ordered:
         raise LocplanError("there are no runs to write a log of")
     environment = load_templates("locplan.comparison")
-    environment.filters |= {"line": _line, "word": _word, "number": _number}
+    environment.filters |= {"line": _format_line, "word": _format_word, "number": _format_number}
     template, costs = environment.get_template("ompl.log"), compute_median_costs(ordered)
     queries = Counter(setting for setting, _ in {query_from_run(run) for run in ordered})
     logs: dict[str, str] = {}
@@ -193,15 +194,15 @@ def write_ompl_logs(
             version=__version__,
             title=task,
             about=f"{task}, query {query}",
-            parameters=[_parameter(query)] if queries[setting] > 1 else [],
+            parameters=[_format_parameter(query)] if queries[setting] > 1 else [],
             host=platform.node() or "UNKNOWN",
             machine=platform.machine(),
             moment=(started or datetime.now()).isoformat(" ", "seconds"),
             limits=(time_limit, memory_limit),
             spent=sum(run.wall_seconds for run in problem_runs),
-            outcomes=OUTCOMES,
+            outcomes=STATUS_BY_OMPL_NAME,
             planners=[
-                _planner(label, list(runs), reference)
+                _summarize_planner_runs(label, list(runs), reference)
                 for label, runs in groupby(problem_runs, lambda run: run.task.planner)
             ],
         )
@@ -212,27 +213,31 @@ def write_ompl_logs(
     return [folder / name for name in logs]
 
 
-def _planner(label: str, runs: Sequence[Run], reference: float) -> dict[str, Any]:
-    """The runs of a planner in a log, and their best cost at equal steps, as OMPL samples it."""
-    points = [best_so_far(run) for run in runs]
+def _summarize_planner_runs(
+    label: str, runs: Sequence[PlannerRun], reference: float
+) -> dict[str, Any]:
+    """Return a planner's runs for a log, with their best costs at equal time steps."""
+    points = [list_best_costs(run) for run in runs]
     has_history = any(
         run.history and run_points for run, run_points in zip(runs, points, strict=True)
     )
     end = max((time for run_points in points for time, _ in run_points), default=0.0)
     moments = np.linspace(0.0, end, 101)[1:]
     courses = (
-        [_samples(run_points, moments, reference) for run_points in points] if has_history else []
+        [_sample_best_costs(run_points, moments, reference) for run_points in points]
+        if has_history
+        else []
     )
-    records = [_properties(run, reference) for run in runs]
+    records = [_collect_run_values(run, reference) for run in runs]
     return {"label": label, "records": records, "courses": courses}
 
 
-def _properties(run: Run, reference: float) -> dict[str, float]:
-    """The values of a run; Planner Arena needs time and solved, and draws no enum but status."""
+def _collect_run_values(run: PlannerRun, reference: float) -> dict[str, float]:
+    """Return the values of a run by OMPL's names; Planner Arena needs time and solved."""
     values = {
         "time REAL": run.seconds,
         "solved BOOLEAN": int(run.status == "solved"),
-        "status ENUM": list(OUTCOMES.values()).index(run.status),
+        "status ENUM": list(STATUS_BY_OMPL_NAME.values()).index(run.status),
         "planner seed INTEGER": run.task.seed,
         "wall time REAL": run.wall_seconds,
         "relative cost REAL": run.measures.get("cost", math.nan) / (reference or math.nan),
@@ -243,10 +248,10 @@ def _properties(run: Run, reference: float) -> dict[str, float]:
     return dict(sorted(values.items()))
 
 
-def _samples(
+def _sample_best_costs(
     points: Sequence[tuple[float, float]], moments: Array, reference: float
 ) -> list[tuple[float, float, float]]:
-    """Cost, relative cost and time of a run from its first path to its end."""
+    """Return cost, relative cost and time of a run from its first path to its end."""
     if not points:
         return []
     times, best = np.array(points).T
@@ -257,23 +262,23 @@ def _samples(
     return list(zip(costs.tolist(), relative.tolist(), lasting.tolist(), strict=True))
 
 
-def _number(value: float) -> str:
-    """Text of a number; empty, which becomes NULL, if not finite: "-inf" would become a text."""
+def _format_number(value: float) -> str:
+    """Return the text of a number, or an empty text (NULL) if it is not finite."""
     return repr(value) if math.isfinite(value) else ""
 
 
-def _line(text: str) -> str:
+def _format_line(text: str) -> str:
     return " ".join(text.split()) or "unnamed"
 
 
-def _word(text: str) -> str:
-    """The text as one word: of an experiment's or host's name the script takes the last word."""
+def _format_word(text: str) -> str:
+    """Return a text as one word, since the script reads only the last word of some names."""
     return "_".join(text.split()) or "unnamed"
 
 
-def _parameter(text: str) -> str:
-    """The text as Planner Arena can choose it, no number, and as the script reads it, no " = "."""
-    label = _line(text).replace(" = ", "=")
+def _format_parameter(text: str) -> str:
+    """Return a text that the script reads as the value of a parameter: no number, no " = "."""
+    label = _format_line(text).replace(" = ", "=")
     try:
         float(label)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Comparing planners, in one call: maps x settings x weights x queries x planners x seeds."""
+"""Comparison of planners: maps x settings x weights x queries x planners x seeds."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from locplan._support.checks import (
 )
 from locplan._support.output import temporary_folder
 from locplan.comparison.benchmarks import read_benchmark_map, read_scenarios
-from locplan.comparison.journal import Journal
+from locplan.comparison.journal import RunJournal
 from locplan.comparison.planners import PlannerSpec, find_costmap_robot, make_specs
-from locplan.comparison.result import Case, Comparison
-from locplan.comparison.runs import Job, make_jobs, put_costmap, run_jobs
+from locplan.comparison.result import Comparison, MapCase
+from locplan.comparison.runs import PlannerJob, make_jobs, run_jobs, write_costmap
 from locplan.comparison.settings import (
     Execution,
     RandomQueries,
+    collect_versions,
     compute_map_digest,
     describe_field_config,
     describe_queries,
     resolve_queries,
-    versions,
 )
 from locplan.comparison.workers import Workers
 from locplan.errors import ConfigError
@@ -70,7 +70,7 @@ def compare(
 ) -> Comparison:
     """Run every planner on every query of every map, in worker processes.
 
-    A run that crashes, hangs or takes too much memory is counted as a failure; the others go on.
+    A run that crashes, hangs or takes too much memory counts as a failure; the next runs continue.
 
     Parameters
     ----------
@@ -79,35 +79,35 @@ def compare(
     planners : sequence, or one of them, optional
         By default "grid" and the planner for the robot: "lattice" if it has an outline or a turning
         radius, otherwise "any-angle". Names with options, such as "BITstar:time_limit=2";
-        "simulated choice", which drives each candidate path with the robot, and takes drives,
-        minimise, price, longest and robot (a file of another robot) as options; functions
-        ``f(costs, start, goal, **options)`` that return a `Path`, each with a costmap of its own;
-        objects such as ``planners.Ompl("BITstar", time_limit=2)``; or `PlannerSpec`.
+        "simulated choice", which simulates drives on each candidate path and has the options
+        drives, minimise, price, longest and robot (a robot file); functions
+        ``f(costs, start, goal, **options)`` that return a `Path`; objects such as
+        ``planners.Ompl("BITstar", time_limit=2)``; or `PlannerSpec`.
     queries : int, RandomQueries, path, sequence, or mapping of them by map, default 10
-        Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
+        Number of random queries per map, 1 to 10,000; a CSV file of name, start_x, start_y, goal_x,
         goal_y [m], or a MovingAI .scen file (100 of its queries); `Query` objects, or (start, goal)
-        pairs [m]. Intervals are over the queries: more of them narrow these.
+        pairs [m]. More queries give narrower intervals.
     robot : Robot, optional
-        The robot, whose radius the costmaps have; by default 0.25 m. A Costmap has its own. A
-        simulated choice drives it, with the lidar of the field where fields of several lidars are
-        compared.
+        The robot, whose radius the costmaps use; by default 0.25 m. A Costmap keeps its robot. A
+        simulated choice simulates this robot, with the lidar of each field if the fields differ in
+        it.
     configs : FieldConfig or Estimator, or mapping of them by label, optional
-        Settings of the fields: the comparison is made for each of them; by default `Fused` for the
-        robot's lidar, or `Sad()` where that is not known.
+        Settings of the fields to compare; by default `Fused` for the robot's lidar,
+        or `Sad()` without a lidar.
     weights : float or sequence of float, optional
-        Metres of detour accepted per degenerate metre, >= 0; each estimator's own by default. Give
-        several to see how the planners trade length.
+        Metres of detour accepted per degenerate metre, >= 0; by default the estimator's. Several
+        weights show how the planners trade length for localizability.
     criterion : str, optional
-        Scalar that u is made of, see `Costmap.from_field`; the estimator's own by default.
+        Scalar that u is based on, see `Costmap.from_field`; by default the estimator's.
     zones : Zones, optional
         The zones of all maps: no path crosses a no-go one, and J rises by 1 per metre
-        outside preferred ones. A Costmap has its own.
+        outside preferred ones. A Costmap keeps its zones.
     seeds : iterable of int, default (1,)
-        Seeds of planners with random numbers, each 1 to 2^32 - 1; the others run once. Give several
-        where a planner's paths scatter.
+        Seeds of planners with random numbers, each 1 to 2^32 - 1; other planners run once. Use
+        several if a planner's paths vary.
     baseline : str, optional
-        Label of the planner to compare with; by default the planner for the robot if it is there,
-        otherwise the first.
+        Label of the planner to compare with; by default the planner for the robot if it is
+        compared, otherwise the first.
     execution : Execution, optional
         Number of workers, limits of time and memory, and the journal.
 
@@ -119,15 +119,15 @@ def compare(
     Raises
     ------
     LocplanError
-        If anything is wrong with the input, before the first run.
+        If any input is invalid; raised before the first run.
     """
     execution = execution or Execution()
     queries = resolve_queries(queries)
     weight_list = [float(weights)] if isinstance(weights, (int, float)) else weights
     if weight_list is not None:
-        _check_each_once("weight", weight_list)
-    seeds = _checked_seeds(seeds)
-    fields = named_configs(configs, robot)
+        _check_distinct("weight", weight_list)
+    seeds = _check_seeds(seeds)
+    fields = name_configs(configs, robot)
     robot_planner = default_planner(robot or find_costmap_robot(maps))
     planners = ("grid", robot_planner) if planners is None else planners
     specs = _make_specs(planners, _select_simulated_robot(robot, fields), execution.time_limit)
@@ -135,20 +135,19 @@ def compare(
     baseline = baseline or max(labels, key=lambda label: label == robot_planner)
     check_choice("baseline", baseline, labels)
     began = datetime.now(UTC).astimezone()
-    limits: Any = {"memory": execution.memory, "patience": execution.patience}
     radius = (robot or Robot()).radius
     zones = normalize_zones(zones)
-    make_case = partial(Case, robot_radius=radius, field_of=execution.field_of, zones=zones)
+    make_case = partial(MapCase, robot_radius=radius, load_field=execution.load_field, zones=zones)
     maps_by_name = name_maps(maps, read_benchmark_map)
     for name, map_or_costmap in maps_by_name.items():
         if isinstance(map_or_costmap, OccupancyGrid):
             check_zones_on_map(zones, map_or_costmap)
         elif zones:
             raise ConfigError(
-                f"map {short_repr(name)} is a costmap with its own zones; leave zones out"
+                f"map {short_repr(name)} is a costmap with zones of its own; remove zones"
             )
     settings = {
-        "versions": versions(),
+        "versions": collect_versions(),
         "maps": {
             name: compute_map_digest(map_or_costmap)
             for name, map_or_costmap in maps_by_name.items()
@@ -165,20 +164,28 @@ def compare(
     with (
         nullcontext()
         if execution.journal is None
-        else Journal(execution.journal, settings, force=execution.force) as journal,
+        else RunJournal(execution.journal, settings, force=execution.force) as journal,
         temporary_folder() as folder,
-        Workers(specs, check_workers(execution.workers), **limits, scratch=folder) as workers,
+        Workers(
+            specs,
+            check_workers(execution.workers),
+            memory=execution.memory,
+            patience=execution.patience,
+            scratch=folder,
+        ) as workers,
     ):
-        cases: list[Case] = []
-        jobs: list[Job] = []
+        cases: list[MapCase] = []
+        jobs: list[PlannerJob] = []
         headed = any(spec.planner.space not in ("R2", LATTICE) for spec in specs)
-        for case, costs in _cases(maps_by_name, fields, criterion, queries, headed, make_case):
+        for case, costs in _make_cases(maps_by_name, fields, criterion, queries, headed, make_case):
             home = folder / str(len(cases))
             costs = costs if robot is None else dataclasses.replace(costs, robot=robot)
-            put_costmap(costs, home)  # they may be many: no more than one is in memory here
-            jobs += make_jobs(case, costs, home, specs, _weights(weight_list, case, costs), seeds)
+            write_costmap(costs, home)  # on disk, so that only one is in memory
+            jobs += make_jobs(
+                case, costs, home, specs, _check_weights(weight_list, case, costs), seeds
+            )
             cases.append(case)
-        runs = run_jobs(jobs, specs, workers.run, journal, execution.progress)
+        runs = run_jobs(jobs, specs, workers.perform_jobs, journal, execution.progress)
     description = _describe_comparison(execution, specs, queries, began) | {
         "weights": list(dict.fromkeys(run.task.weight for run in runs)),
         "seeds": seeds,
@@ -190,9 +197,9 @@ def compare(
 def _describe_comparison(
     execution: Execution, specs: Sequence[PlannerSpec], queries: Any, began: datetime
 ) -> dict[str, Any]:
-    """Versions, the machine, the planners, random queries and the limits, fit for JSON."""
+    """Return versions, machine, planners, random queries and limits as plain data for JSON."""
     return {
-        **versions(),
+        **collect_versions(),
         "machine": f"{platform.machine()}, {count_usable_cores()} cores",
         "workers": execution.workers or count_usable_cores(),
         "began": began.isoformat(timespec="seconds"),
@@ -210,11 +217,11 @@ def _make_specs(planners: Any, robot: Robot | None, time_limit: float | None) ->
     return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs]
 
 
-def named_configs(
+def name_configs(
     configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None,
     robot: Robot | None = None,
 ) -> dict[str, FieldConfig]:
-    """The settings of fields by label."""
+    """Return the settings of fields by label."""
     if robot is not None:
         check_instance("robot", robot, Robot)
     if configs is None and robot is not None and robot.lidar is not None:
@@ -228,39 +235,39 @@ def named_configs(
 
 
 def _select_simulated_robot(robot: Robot | None, fields: Mapping[str, FieldConfig]) -> Robot | None:
-    """The robot that is simulated: its lidar is left to the fields where these differ in it."""
+    """Return the robot to simulate, without its lidar if the fields have different lidars."""
     lidars = {getattr(config.estimator, "lidar", None) for config in fields.values()}
     if robot is None or lidars <= {robot.lidar, None}:
         return robot
     return dataclasses.replace(robot, lidar=None)
 
 
-def _checked_seeds(seeds: Iterable[int]) -> list[int]:
+def _check_seeds(seeds: Iterable[int]) -> list[int]:
     try:
         first = list(itertools.islice(seeds, 1001))
     except TypeError:
         raise ConfigError(f"seeds must be several whole numbers, not {short_repr(seeds)}") from None
     if len(first) > 1000:
         raise ConfigError("a comparison has at most 1,000 seeds")
-    _check_each_once("seed", first)
+    _check_distinct("seed", first)
     return [check_integer("each seed", seed, 1, MAX_SEED) for seed in first]
 
 
-def _check_each_once(name: str, values: Sequence[float]) -> None:
+def _check_distinct(name: str, values: Sequence[float]) -> None:
     """Raise a ConfigError if there are no values, or one of them twice."""
     if not values or len(set(values)) < len(values):
         raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
 
 
-def _cases(
+def _make_cases(
     maps: Mapping[str, OccupancyGrid | Costmap],
     fields: Mapping[str, FieldConfig],
     criterion: str | None,
     queries: Any,
     headed: bool,
-    make_case: partial[Case],
-) -> Iterator[tuple[Case, Costmap]]:
-    """A case of each kind for each map, with its costmap; all cases of a map have its queries."""
+    make_case: partial[MapCase],
+) -> Iterator[tuple[MapCase, Costmap]]:
+    """Yield a case and its costmap for each map and field; cases of a map share its queries."""
     for name, map_or_costmap in maps.items():
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {short_repr(name)}")
@@ -268,7 +275,7 @@ def _cases(
         case_queries: tuple[Query, ...] = ()
         if isinstance(map_or_costmap, Costmap):
             cases = [
-                Case(
+                MapCase(
                     name,
                     "own cost",
                     map_or_costmap.grid,
@@ -289,12 +296,12 @@ def _cases(
             ]
         for case in cases:
             costs, _ = case.costmap()
-            case_queries = case_queries or _queries(map_queries, costs, headed)
+            case_queries = case_queries or _make_queries(map_queries, costs, headed)
             yield dataclasses.replace(case, queries=case_queries), costs
 
 
-def _queries(query_source: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
-    """The queries that `resolved_queries` has left random, or in a file."""
+def _make_queries(query_source: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
+    """Return the queries of a case, drawn at random or read from a file if necessary."""
     if isinstance(query_source, RandomQueries):
         return normalize_queries(
             costs, query_source.count, query_source.min_distance, query_source.seed, headed
@@ -305,12 +312,14 @@ def _queries(query_source: Any, costs: Costmap, headed: bool) -> tuple[Query, ..
     return normalize_queries(costs, query_source, 0.0, 1, headed)
 
 
-def _weights(weights: Sequence[float] | None, case: Case, costs: Costmap) -> list[float]:
-    """The weights of a case, checked; by default the costmap's own."""
+def _check_weights(weights: Sequence[float] | None, case: MapCase, costs: Costmap) -> list[float]:
+    """Return the checked weights of a case; by default the costmap's weight."""
     costmap_weight = 0.0 if math.isnan(costs.weight) else costs.weight
     case_weights = [costmap_weight] if weights is None else [float(weight) for weight in weights]
     for weight in case_weights:
         check_weight(weight)
     if any(case_weights) and math.isnan(costs.weight):
-        raise ConfigError(f"map {short_repr(case.map)} has no field, so that its only weight is 0")
+        raise ConfigError(
+            f"map {short_repr(case.map)} has no field, so its weight must be 0; leave weights out"
+        )
     return case_weights

@@ -1,4 +1,4 @@
-"""The two figures of a comparison: the planners' costs, and their paths where these differ most."""
+"""Figures of a comparison: the costs, and the paths of the query with the largest difference."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from locplan._support.checks import make_printable
 from locplan._support.drawing import Picture, label_with_plain_numbers
 from locplan._support.kernels.arrays import Floats
 from locplan.comparison.statistics import (
-    Run,
+    PlannerRun,
     RunSetting,
     compute_median_costs,
     group_records,
@@ -28,34 +28,34 @@ from locplan.planning.path import Path
 from locplan.planning.queries import Query
 
 if TYPE_CHECKING:
-    from locplan.comparison.result import Case, Comparison, Standing
+    from locplan.comparison.result import Comparison, MapCase, PlannerStanding
 
 COLOURS = ("#1b1f24", "#0072b2", "#008a64", "#b8548f", "#c05000", "#2f93d1", "#a07800", "#6a51a3")
 """Colours of planners after Okabe and Ito."""
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.6, 1.4, 1.6)), (0, (2, 1)))
 VERDICT_COLOURS = {"cheaper": styles.BLUE, "costlier": styles.VERMILION, "": "0.45"}
 MAX_ROWS = 40
-"""Number of rows of the figure of costs; if there are more, the maps are taken together."""
+"""Maximum number of rows in the figure of costs; if there are more, the maps are pooled."""
 
 
 def cost_figure(comparison: Comparison) -> Figure:
-    """J of each planner as a multiple of the baseline's with its interval, a row for each setting.
+    """Draw the ratio of each planner's J to the baseline's with its interval, a row per setting.
 
     Parameters
     ----------
     comparison : Comparison
         The comparison.
     """
-    rows = _select_compared(comparison.standings())
+    rows = _select_compared_standings(comparison.standings())
     if len(rows) > MAX_ROWS:
-        rows = _select_compared(comparison.standings(pooled=True))[:MAX_ROWS]
+        rows = _select_compared_standings(comparison.standings(pooled=True))[:MAX_ROWS]
     figure = Picture(figsize=(7, 1.0 + 0.34 * max(len(rows), 1)), layout="constrained")
     axes = figure.subplots()
     axes.axvline(1, color="0.2", linewidth=1.4)
-    low, high = _cost_range(rows)
+    low, high = _compute_cost_range(rows)
     for place, row in enumerate(rows):
         _draw_cost(axes, place, row, low, high)
-    axes.set_yticks(range(len(rows)), _row_names(rows), parse_math=False)
+    axes.set_yticks(range(len(rows)), _format_row_names(rows), parse_math=False)
     baseline = make_printable(comparison.baseline)
     axes.set(
         xlim=(low, high),
@@ -68,13 +68,13 @@ def cost_figure(comparison: Comparison) -> Figure:
     return figure
 
 
-def _select_compared(rows: list[Standing]) -> list[Standing]:
-    """Return the rows of planners that solved a query of the baseline's, the baseline aside."""
+def _select_compared_standings(rows: list[PlannerStanding]) -> list[PlannerStanding]:
+    """Return the rows of other planners that share a solved query with the baseline."""
     return [row for row in rows if row.summary.planner != row.cost.baseline and row.cost.pairs]
 
 
-def _cost_range(rows: list[Standing]) -> tuple[float, float]:
-    """Return limits around 1 that show most rows to scale: one bad planner hides no other."""
+def _compute_cost_range(rows: list[PlannerStanding]) -> tuple[float, float]:
+    """Return limits around 1 that show most rows, even if one planner is very bad."""
     ends = np.array([row.cost.estimate for row in rows]).reshape(-1, 3)
     ends = np.where(np.isfinite(ends), ends, ends[:, :1])
     reach = 1.5 * np.median(np.abs(ends - 1).max(axis=1)) if rows else 0.0
@@ -83,7 +83,7 @@ def _cost_range(rows: list[Standing]) -> tuple[float, float]:
     return max(low, 1 - reach) - 0.1 * reach, min(high, 1 + reach) + 0.1 * reach
 
 
-def _draw_cost(axes: Axes, place: int, row: Standing, low: float, high: float) -> None:
+def _draw_cost(axes: Axes, place: int, row: PlannerStanding, low: float, high: float) -> None:
     """Draw a ratio with its interval; an arrow stands for a ratio beyond the figure."""
     value, *ends = row.cost.estimate
     colour = VERDICT_COLOURS[row.verdict]
@@ -98,7 +98,7 @@ def _draw_cost(axes: Axes, place: int, row: Standing, low: float, high: float) -
     axes.text(1.02, place, text, transform=axes.get_yaxis_transform(), va="center", color=colour)
 
 
-def _row_names(rows: list[Standing]) -> list[str]:
+def _format_row_names(rows: list[PlannerStanding]) -> list[str]:
     """Return the planner of each row, and those parts of its setting that differ."""
     parts = [
         [row.setting.map or "all maps", row.setting.config, f"weight {row.setting.weight:g}"]
@@ -114,9 +114,9 @@ def _row_names(rows: list[Standing]) -> list[str]:
 class QueryScene(NamedTuple):
     """A query at one weight, with a path of each planner."""
 
-    case: Case
+    case: MapCase
     query: Query
-    runs: dict[str, Run]
+    runs: dict[str, PlannerRun]
     """The run of median J of each planner that has a path."""
     weight: float
 
@@ -127,9 +127,9 @@ class QueryScene(NamedTuple):
 
 
 def find_most_telling_scene(comparison: Comparison) -> QueryScene | None:
-    """Return the query at which most planners' J differs most from the baseline's.
+    """Return the query with the largest median difference of J from the baseline.
 
-    It is None if the baseline has no path on a known map.
+    The result is None if the baseline has no path on a known map.
     """
     queries = group_records(
         compute_median_costs(comparison.runs).items(), lambda median_cost: median_cost[0][0]
@@ -146,10 +146,12 @@ def find_most_telling_scene(comparison: Comparison) -> QueryScene | None:
     setting, name = max(gaps, key=lambda key: (round(gaps[key], 9), key[0].weight))
     case = comparison.cases[str(setting.map), setting.config]
     query = next(query for query in case.queries if query.name == name)
-    return QueryScene(case, query, _typical_runs(comparison, setting, name), setting.weight)
+    return QueryScene(case, query, _select_median_runs(comparison, setting, name), setting.weight)
 
 
-def _typical_runs(comparison: Comparison, setting: RunSetting, query: str) -> dict[str, Run]:
+def _select_median_runs(
+    comparison: Comparison, setting: RunSetting, query: str
+) -> dict[str, PlannerRun]:
     runs = [run for run in comparison.runs if query_from_run(run) == (setting, query) and run.xy]
     groups = group_records(runs, lambda run: run.task.planner)
     ordered = {
@@ -159,11 +161,11 @@ def _typical_runs(comparison: Comparison, setting: RunSetting, query: str) -> di
 
 
 def scene_figure(scene: QueryScene) -> Figure:
-    """Draw the paths of a query over the field, or over the map of a user's own costmap.
+    """Draw the paths of a query over the field, or over the map if there is no field.
 
     Parameters
     ----------
-    scene : Scene
+    scene : QueryScene
         The query with its paths.
     """
     figure = Picture(figsize=(7, 5), layout="constrained")
@@ -179,16 +181,16 @@ def scene_figure(scene: QueryScene) -> Figure:
     axes.set(xlabel="", ylabel="")
     paths = {name: Path(np.array(run.xy)) for name, run in scene.runs.items()}
     handles = []
-    # Each one thinner than the one before, so that none hides another.
+    # Each line is thinner than the previous one, so that no path is hidden.
     widths = np.linspace(4.4, 1.6, max(len(paths), 2)).tolist()
     for n, ((name, path), width) in enumerate(zip(paths.items(), widths, strict=False)):
-        colour, dashes = COLOURS[n % len(COLOURS)], DASHES[n % len(DASHES)]
+        color, dashes = COLOURS[n % len(COLOURS)], DASHES[n % len(DASHES)]
         effects = styles.outline(width + 1.4)
-        draw_path(axes, path, color=colour, linestyle=dashes, linewidth=width, path_effects=effects)
+        draw_path(axes, path, linewidth=width, path_effects=effects, color=color, linestyle=dashes)
         text = make_printable(f"{name}, J {scene.runs[name].measures['cost']:.1f} m")
-        handles.append(Line2D([], [], linewidth=2.2, label=text, color=colour, linestyle=dashes))
+        handles.append(Line2D([], [], linewidth=2.2, label=text, color=color, linestyle=dashes))
     draw_ends(axes, scene.query.start, scene.query.goal)
-    _show_part(axes, np.concatenate([path.xy for path in paths.values()]))
+    _crop_to_paths(axes, np.concatenate([path.xy for path in paths.values()]))
     spans = np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())
     lines = math.ceil(len(handles) / 2)
     figure.set_figheight(min(6.8 * spans, 6.0) + 0.9 + 0.25 * lines)
@@ -196,8 +198,8 @@ def scene_figure(scene: QueryScene) -> Figure:
     return figure
 
 
-def _show_part(axes: Axes, xy: Floats) -> None:
-    """Show only the surroundings of paths that take a small part of the map."""
+def _crop_to_paths(axes: Axes, xy: Floats) -> None:
+    """Limit the axes to the surroundings of the paths."""
     low, high = xy.min(axis=0), xy.max(axis=0)
     margin = 0.15 * max(float((high - low).max()), 5.0)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()

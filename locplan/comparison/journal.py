@@ -1,4 +1,4 @@
-"""The journal of a comparison: its settings, and each run as soon as it is done."""
+"""Journal of a comparison: a file with the settings and each completed run."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ from locplan._support.files import make_folder, shorten_errors
 from locplan._support.reading import open_file, parse_json
 from locplan._support.saved import decode_tree
 from locplan._support.tables import nan_to_none
-from locplan.comparison.statistics import STATUSES, Run, Task
+from locplan.comparison.statistics import STATUSES, PlannerRun, RunTask
 from locplan.errors import LocplanError
 
 FORMAT = "locplan comparison"
 VERSION = 2
 
 
-class Journal:
-    """A JSON-lines file: settings and versions in the first line, then a run per line.
+class RunJournal:
+    """A JSON-lines file with settings and versions in the first line, then a run per line.
 
-    The last line of a run counts. A context manager, which removes a new file without runs if
-    its block fails.
+    If a task has several lines, the last one counts. The journal is a context manager, which
+    removes a new file without runs if its block fails.
 
     Parameters
     ----------
     file : path
         The file, which need not exist.
     settings : mapping
-        Everything that decides the runs, and the versions, fit for JSON.
+        All settings that affect the runs, and the versions, as plain data for JSON.
     force : bool, default False
-        True forgets the runs in the file.
+        True discards the runs in the file.
 
     Raises
     ------
     LocplanError
-        If the file cannot be written, is no journal, or has runs of other settings.
+        If the file cannot be written, is no journal, or its runs have different settings.
     """
 
     def __init__(
         self, file: str | os.PathLike[str], settings: Mapping[str, Any], *, force: bool = False
     ) -> None:
         self.path = check_file_path("a journal", file)
-        self.runs: dict[Task, Run] = {}
+        self.runs: dict[RunTask, PlannerRun] = {}
         self._head = {"format": FORMAT, "version": VERSION, **nan_to_none(settings)}
         self._has_made_folder = not self.path.parent.exists()
         make_folder(self.path.parent)
@@ -63,7 +63,7 @@ class Journal:
                 self._file.close()
             raise
 
-    def __enter__(self) -> Journal:
+    def __enter__(self) -> RunJournal:
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
@@ -76,8 +76,8 @@ class Journal:
                 with suppress(OSError):  # another process has written into it
                     self.path.parent.rmdir()
 
-    def add(self, run: Run) -> None:
-        """Append a run; numbers that are not finite become null.
+    def add(self, run: PlannerRun) -> None:
+        """Append a run; non-finite numbers become null.
 
         Parameters
         ----------
@@ -88,21 +88,21 @@ class Journal:
         self.runs[run.task] = run
 
     def _read(self, force: bool) -> None:
-        """Read the runs of the file, without the half-written last line of a killed process."""
+        """Read the runs of the file, except an incomplete last line."""
         self._file.seek(0)
         try:
             *lines, torn = self._file.read().split("\n")
         except UnicodeDecodeError:
-            raise self._refusal from None
-        start = _line({"format": FORMAT})[:-2]
+            raise self._format_error from None
+        start = _dump_line({"format": FORMAT})[:-2]
         if not lines and torn and not (start.startswith(torn) or torn.startswith(start)):
-            raise self._refusal
-        head = self._parsed_head(lines[0]) if lines else None
+            raise self._format_error
+        head = self._parse_head(lines[0]) if lines else None
         if head is None or force:
             self._file.truncate(0)
             self._append(self._head)
             return
-        self._check(head)
+        self._check_settings(head)
         if torn:
             self._file.truncate(sum(len(line) + 1 for line in lines))
         for number, line in enumerate(lines[1:], 2):
@@ -110,21 +110,21 @@ class Journal:
             self.runs[run.task] = run
 
     @property
-    def _refusal(self) -> LocplanError:
+    def _format_error(self) -> LocplanError:
         return LocplanError(f"{self.path}: is no journal of a comparison; name another file")
 
-    def _parsed_head(self, line: str) -> dict[str, Any]:
+    def _parse_head(self, line: str) -> dict[str, Any]:
         try:
             head = parse_json(line)
             if str(head["format"]).startswith(FORMAT):  # version 1 had it in the same text
                 return dict(head)
         except (LookupError, TypeError, ValueError):
             pass
-        raise self._refusal
+        raise self._format_error
 
-    def _check(self, head: Mapping[str, Any]) -> None:
-        """Raise a LocplanError if the runs in the file are of other settings."""
-        current_settings = parse_json(_line(self._head))
+    def _check_settings(self, head: Mapping[str, Any]) -> None:
+        """Raise a LocplanError if the runs in the file have different settings."""
+        current_settings = parse_json(_dump_line(self._head))
         names = [
             name
             for name in {**current_settings, **head}
@@ -132,24 +132,24 @@ class Journal:
         ]
         if names:
             raise LocplanError(
-                f"{self.path}: has runs of other settings ({', '.join(names)}); name another place,"
-                " or replace them with force=True"
+                f"{self.path}: has runs with other settings ({', '.join(names)}); name another"
+                " place, or replace them with force=True"
             )
 
-    def _parse_run(self, number: int, line: str) -> Run:
+    def _parse_run(self, number: int, line: str) -> PlannerRun:
         try:
-            run: Run = decode_tree(Run, parse_json(line))
+            run: PlannerRun = decode_tree(PlannerRun, parse_json(line))
             if run.status not in STATUSES or math.isnan(run.task.weight):
                 raise ValueError("is no run")
             return run
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             raise LocplanError(
-                f"{self.path}: line {number} is damaged; delete it to make its run again"
+                f"{self.path}: line {number} is damaged; delete it to repeat its run"
             ) from None
 
     def _append(self, content: Mapping[str, Any]) -> None:
         with shorten_errors(self.path):
-            self._file.write(_line(content) + "\n")
+            self._file.write(_dump_line(content) + "\n")
             self._file.flush()
 
     def _lock(self) -> None:
@@ -167,5 +167,5 @@ class Journal:
             return  # a file system without locks
 
 
-def _line(content: Mapping[str, Any]) -> str:
+def _dump_line(content: Mapping[str, Any]) -> str:
     return json.dumps(content, allow_nan=False)

@@ -1,4 +1,4 @@
-"""The planners of a comparison: names with options, functions, or objects."""
+"""Planners of a comparison, given as names with options, functions or objects."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from locplan.simulation.recommender import RecommendingPlanner
 
 @dataclass(frozen=True)
 class PlannerSpec:
-    """A planner and its label."""
+    """A planner with its label in a comparison."""
 
     label: str
     """The planner's name in tables; no two planners of a comparison share it."""
     planner: Planner
-    """The planner with its options, as `locplan.planning.requests.make_planner` makes it."""
+    """The planner with its options, see `locplan.planning.requests.make_planner`."""
 
     @classmethod
     def parse(cls, planner: AnyPlanner | PlannerSpec) -> PlannerSpec:
@@ -54,19 +54,19 @@ class PlannerSpec:
         ----------
         planner : str, function, Planner or PlannerSpec
             A name with options, such as "BITstar:time_limit=2,seed=3", whose values are numbers,
-            true, false or words. OMPL's planners also take OMPL's own settings. Or a function
+            true, false or words. OMPL's planners also accept OMPL's settings. Or a function
             ``f(costs, start, goal, **options)`` with a name, or an object such as
             ``planners.AnyAngle()``.
 
         Raises
         ------
         ConfigError
-            If there is no such planner, or it does not take an option.
+            If the planner is unknown, or does not have an option.
 
         Examples
         --------
-        >>> spec = PlannerSpec.of("RRT*: iterations=500, range=2")
-        >>> spec.label, options_of(spec.planner)
+        >>> spec = PlannerSpec.parse("RRT*: iterations=500, range=2")
+        >>> spec.label, find_changed_options(spec.planner)
         ('RRTstar:iterations=500,range=2', {'iterations': 500, 'settings': {'range': 2}})
         """
         if isinstance(planner, str):
@@ -87,18 +87,18 @@ class PlannerSpec:
         )
 
     def with_time_limit(self, limit: float | None) -> PlannerSpec:
-        """The spec with a time limit, if the planner takes one and has no end of its own.
+        """Return the spec with a time limit, if the planner accepts one and has no limit yet.
 
         Parameters
         ----------
         limit : float or None
-            Time after which a planner ends [s], above 0; None changes nothing.
+            Time limit [s], above 0; None changes nothing.
         """
         ends = "iterations" in find_changed_options(self.planner)
         return self if ends else self._with_option("time_limit", limit)
 
     def with_robot(self, robot: Robot | None) -> PlannerSpec:
-        """The spec with a robot, if the planner drives one and has none of its own.
+        """Return the spec with a robot, if the planner needs one and has none.
 
         Parameters
         ----------
@@ -117,12 +117,12 @@ class PlannerSpec:
 
     @property
     def is_user_planner(self) -> bool:
-        """Whether the planner is a user's own."""
+        """True if the planner is a user's function or class."""
         return user_planner(self.planner) is not None
 
     @property
     def time_limit(self) -> float | None:
-        """The time after which the planner ends by itself [s], if that is known."""
+        """The time limit of the planner [s]; None if unknown."""
         planner = unwrap_planner(self.planner)
         if isinstance(planner, Ompl):
             return planner.seconds
@@ -130,7 +130,7 @@ class PlannerSpec:
         return None if limit is None else float(limit)
 
     def seeds(self, seeds: Sequence[int]) -> tuple[int, ...]:
-        """The seeds that the planner runs with: its own if it has one, 0 if it takes none.
+        """Return the seeds to run the planner with: its option, or 0 if it takes none.
 
         Parameters
         ----------
@@ -151,16 +151,15 @@ class PlannerSpec:
         return None if version is None else str(version)
 
     def identity(self) -> list[Any]:
-        """Everything that decides the planner's paths, fit for JSON.
+        """Return everything that determines the planner's paths, as plain data for JSON.
 
-        A user's planner counts as the same if its name, its declared version and its options are
-        the same.
+        Users' planners are equal if their names, declared versions and options are equal.
         """
         options, planner = find_changed_options(self.planner), user_planner(self.planner)
         if planner is None:
             return [
                 self.planner.name,
-                {name: _plain_option(value) for name, value in options.items()},
+                {name: _option_to_json(value) for name, value in options.items()},
             ]
         code: Any = planner.function if isinstance(planner, FunctionPlanner) else type(planner)
         version_text = "no version" if self.version is None else f"version {self.version}"
@@ -168,14 +167,14 @@ class PlannerSpec:
         return [getattr(code, "__qualname__", ""), version_text, texts]
 
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
-        """Plan once; the path is measured on the costmap.
+        """Plan once, and measure the path on the costmap.
 
         Parameters
         ----------
         costs : Costmap
             The costmap to plan on.
         start, goal : (x, y) or (x, y, heading)
-            Positions in the world [m, rad]; headings are left out where the planner has none.
+            Positions in the world [m, rad]; planners without headings ignore them.
         seed : int
             Seed of the planner's random numbers, if it has some.
 
@@ -184,7 +183,7 @@ class PlannerSpec:
         PoseError
             If the robot cannot stand at start or goal, or a heading is missing.
         LocplanError
-            If a user's planner returns something else than a path that can be driven.
+            If a user's planner returns anything but a path that can be driven.
         """
         planner = self.planner
         if has_option(planner, "seed"):
@@ -196,17 +195,17 @@ class PlannerSpec:
 
 
 def make_specs(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
-    """Specs of all planners, checked, each with a label of its own.
+    """Return the checked specs of all planners, with distinct labels.
 
     Parameters
     ----------
     planners : iterable of str, function, Planner or PlannerSpec
-        The planners, at least one; see `PlannerSpec.of`.
+        The planners, at least one; see `PlannerSpec.parse`.
 
     Raises
     ------
     ConfigError
-        If there are no planners, two have one label, or one is wrong.
+        If there are no planners, two have the same label, or one is invalid.
     """
     specs = [PlannerSpec.parse(planner) for planner in planners]
     if not specs:
@@ -215,14 +214,14 @@ def make_specs(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec
     for spec in specs:
         name = f"planner {short_repr(spec.label)}"
         if labels.count(spec.label) > 1:
-            raise ConfigError(f"{name} is there twice; leave one out, or name it anew")
+            raise ConfigError(f"{name} appears twice; remove or rename one")
         if spec.is_user_planner:  # it is sent to workers by value
             require_extra("cloudpickle", "functions", f"{name}, one of your own,")
     return specs
 
 
 def find_costmap_robot(maps: Any) -> Robot | None:
-    """The robot of the first map that is a costmap for one that is no circle."""
+    """Return the first robot of a costmap that needs the lattice planner; None without one."""
     maps_and_costmaps = maps.values() if isinstance(maps, Mapping) else maps
     maps_and_costmaps = (
         maps_and_costmaps if isinstance(maps_and_costmaps, Iterable) else [maps_and_costmaps]
@@ -238,18 +237,19 @@ def _parse_spec(text: str) -> PlannerSpec:
     options = parse_options(text, rest)
     squeezed = ",".join("=".join(word.strip() for word in part.split("=", 1)) for part in parts)
     label = f"{name}:{squeezed}" if parts else name
-    limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
-    # Only comparisons know it by name, since it needs more than a costmap.
+    max_e, budget = options.pop("max_e", None), options.pop("budget", None)
+    # This planner has a name only in comparisons, since it needs more than a costmap.
     planners_by_name = PLANNERS | {
         "simulated choice": PlannerEntry(RecommendingPlanner, "simulated error")
     }
     try:
         if name:
             name = normalize_planner_name(name, planners_by_name)
-        if name in (*list_planner_names(), "") or limits["budget"] is not None:
-            planner = make_planner(name, options, **limits)
+        if name in (*list_planner_names(), "") or budget is not None:
+            planner = make_planner(name, options, max_e=max_e, budget=budget)
         else:
-            planner = make_planner(planner_from_name(name, options, planners_by_name), **limits)
+            planner = planner_from_name(name, options, planners_by_name)
+            planner = make_planner(planner, max_e=max_e, budget=budget)
     except LocplanError as error:
         raise ConfigError(f"planner {short_repr(label)}: {error}") from None
     return PlannerSpec(f"{name}:{squeezed}" if parts else name, planner)
@@ -277,16 +277,16 @@ def parse_options(text: str, rest: str) -> dict[str, Any]:
             raise ConfigError(
                 f"planner {short_repr(text)}: write OMPL's settings by their names, such as range=2"
             )
-        options[name] = _value(value)
+        options[name] = _parse_value(value)
     return options
 
 
-def _plain_option(option: Any) -> Any:
-    """The value of an option, fit for JSON."""
+def _option_to_json(option: Any) -> Any:
+    """Return the value of an option as plain data for JSON."""
     return option.summary() if isinstance(option, Robot) else option
 
 
-def _value(text: str) -> Any:
+def _parse_value(text: str) -> Any:
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
     for number in (int, float):

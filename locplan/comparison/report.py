@@ -1,4 +1,4 @@
-"""The report of a comparison: one HTML file that needs nothing else, made of `templates`."""
+"""Report of a comparison: a self-contained HTML file, rendered from `templates`."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from markupsafe import Markup, escape
 
 from locplan._support.public import load_templates, render_png
 from locplan.comparison.figures import cost_figure, find_most_telling_scene, scene_figure
-from locplan.comparison.result import Comparison, Standing
-from locplan.comparison.statistics import Run, group_records
+from locplan.comparison.result import Comparison, PlannerStanding
+from locplan.comparison.statistics import PlannerRun, group_records
 
 MAX_FAILURES = 30
-"""Number of kinds of failures that the report lists."""
+"""Maximum number of kinds of failures in the report."""
 
 
-class Answer(NamedTuple):
-    """What the comparison says with one kind of field, over all maps."""
+class ReportAnswer(NamedTuple):
+    """The verdicts of a comparison for one kind of field, over all maps."""
 
     scope: str
     """The field and the weight."""
@@ -31,7 +31,7 @@ class Answer(NamedTuple):
 
 
 class ReportPicture(NamedTuple):
-    """A picture with its caption and the text that stands for it."""
+    """A picture with its caption and its alternative text."""
 
     data: str
     """The image as a URL."""
@@ -42,7 +42,11 @@ class ReportPicture(NamedTuple):
 def write_comparison_report(path: Path, comparison: Comparison) -> None:
     """Write the report; names, labels and notes may hold any text."""
     environment = load_templates("locplan.comparison", autoescape=True, lstrip_blocks=True)
-    environment.filters |= {"breakable": breakable, "key": format_sort_key, "number": format_number}
+    environment.filters |= {
+        "breakable": add_line_breaks,
+        "key": format_sort_key,
+        "number": format_number,
+    }
     script = environment.get_template("report.js").render()
     rows = comparison.standings()
     text = environment.get_template("report.html").render(
@@ -51,7 +55,9 @@ def write_comparison_report(path: Path, comparison: Comparison) -> None:
         drawings=list(draw_pictures(comparison)),
         rows=rows,
         varying=[
-            name for name in ("map", "config", "weight") if len({_part(r, name) for r in rows}) > 1
+            name
+            for name in ("map", "config", "weight")
+            if len({_get_setting_part(r, name) for r in rows}) > 1
         ],
         solved=sum(run.status == "solved" for run in comparison.runs),
         queries=len({(run.task.map, run.task.query) for run in comparison.runs}),
@@ -65,17 +71,17 @@ def write_comparison_report(path: Path, comparison: Comparison) -> None:
     path.write_text(text, encoding="utf-8", errors="replace")
 
 
-def find_answers(comparison: Comparison) -> Iterator[Answer]:
+def find_answers(comparison: Comparison) -> Iterator[ReportAnswer]:
     """Yield the answer for each kind of field, over all maps, at the greatest weight."""
     groups = group_records(comparison.standings(pooled=True), lambda row: row.setting.config)
     for config, group in groups.items():
         weight = max(row.setting.weight for row in group)
         rows = [row for row in group if row.setting.weight == weight]
         sentences = list(filter(None, (row.answer for row in rows)))
-        yield Answer(f"{config}, weight {weight:g}", _title(rows), sentences)
+        yield ReportAnswer(f"{config}, weight {weight:g}", _format_title(rows), sentences)
 
 
-def _title(rows: list[Standing]) -> str:
+def _format_title(rows: list[PlannerStanding]) -> str:
     baseline = rows[0].cost.baseline
     rival_rows = [row for row in rows if row.summary.planner != baseline]
     cheaper = sorted(
@@ -87,41 +93,41 @@ def _title(rows: list[Standing]) -> str:
     if not rival_rows:
         return f"Only {baseline} was run"
     if not any(row.cost.is_sure for row in rival_rows):
-        return "Too few queries to tell"
+        return "Too few queries for a verdict"
     return f"No planner beats {baseline}"
 
 
 def draw_pictures(comparison: Comparison) -> Iterator[ReportPicture]:
-    """Yield the picture of the costs, and that of the paths if there are any."""
+    """Yield the picture of the costs, and the picture of the paths if there are any."""
     rows = [
         f"{row.summary.planner} {row.cost.estimate.value:.3f}"
         for row in comparison.standings(pooled=True)
         if row.cost.pairs
     ]
     yield ReportPicture(
-        _url(cost_figure(comparison)),
-        f"Cost J as a multiple of that of {comparison.baseline}, with 95 % intervals. Grey: no"
+        _make_image_url(cost_figure(comparison)),
+        f"Ratio of J to that of {comparison.baseline}, with 95 % intervals. Grey: no"
         " significant difference.",
-        f"J as a multiple of that of {comparison.baseline}: {'; '.join(rows)}.",
+        f"Ratio of J to that of {comparison.baseline}: {'; '.join(rows)}.",
     )
     scene = find_most_telling_scene(comparison)
     if scene is not None:
         costs = [f"{name} {run.measures['cost']:.1f} m" for name, run in scene.runs.items()]
         yield ReportPicture(
-            _url(scene_figure(scene)),
-            f"Paths where the planners differ most: {scene.title}.",
+            _make_image_url(scene_figure(scene)),
+            f"Paths on the query on which the planners differ most: {scene.title}.",
             f"Paths of {scene.title}, with J: {'; '.join(costs)}.",
         )
 
 
-def _url(figure: Any) -> str:
+def _make_image_url(figure: Any) -> str:
     return f"data:image/png;base64,{base64.b64encode(render_png(figure, dpi=130)).decode()}"
 
 
-def group_failures(comparison: Comparison) -> list[list[Run]]:
-    """Return the runs without a path, grouped by kind of failure, the most frequent first."""
+def group_failures(comparison: Comparison) -> list[list[PlannerRun]]:
+    """Return the runs without a path, grouped by kind of failure, most frequent first."""
 
-    def kind(run: Run) -> tuple[str, ...]:
+    def kind(run: PlannerRun) -> tuple[str, ...]:
         return run.status, run.task.planner, run.task.map, run.note
 
     groups = group_records((run for run in comparison.runs if run.status != "solved"), kind)
@@ -152,18 +158,18 @@ def collect_settings(comparison: Comparison) -> dict[str, str]:
     }
 
 
-def _part(row: Standing, name: str) -> str | float:
+def _get_setting_part(row: PlannerStanding, name: str) -> str | float:
     value: str | float = getattr(row.setting, name)
     return value
 
 
-def breakable(label: str) -> Markup:
-    """Return a planner's label that may be broken between its options."""
+def add_line_breaks(label: str) -> Markup:
+    """Return a planner's label as HTML with line breaks allowed between its options."""
     return Markup(str(escape(label)).replace(":", ":<wbr>").replace(",", ",<wbr>"))
 
 
 def format_sort_key(value: float) -> str:
-    """Return the key by which a table is sorted; what is not known comes last."""
+    """Return the sort key of a number in a table; NaN comes last."""
     return f"{value:.9g}" if math.isfinite(value) else "x"
 
 

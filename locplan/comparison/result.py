@@ -1,4 +1,4 @@
-"""The result of a comparison: its runs, statistics and verdicts, and the files that show them."""
+"""Result of a comparison: runs, statistics, verdicts, and the files that show them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from locplan.comparison import statistics
 from locplan.comparison.benchmarks import write_ompl_logs
 from locplan.comparison.statistics import (
     PlannerContrast,
-    Run,
+    PlannerRun,
+    PlannerSummary,
     RunSetting,
-    Summary,
     compute_contrasts,
 )
 from locplan.field.config import FieldConfig
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
-    """A map with one kind of field, which is read from the cache whenever it is needed."""
+class MapCase:
+    """A map with the settings of a field, which is read from the cache when needed."""
 
     map: str
     """The map's name."""
@@ -49,17 +49,17 @@ class Case:
     robot_radius: float
     """Radius of the robot [m]."""
     settings: FieldConfig | None = None
-    """The settings of the field; None for a user's own costmap."""
+    """The settings of the field; None for a user's costmap."""
     criterion: str | None = None
-    """The scalar that u is made of; None for a user's own costmap."""
+    """The scalar that u is based on; None for a user's costmap."""
     zones: Zones = dataclasses.field(default_factory=Zones)
     """The zones of the map."""
     user_costmap: Costmap | None = None
-    """The user's own costmap, which has no field."""
+    """The user's costmap, which has no field."""
     queries: tuple[Query, ...] = ()
     """The queries."""
-    field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute
-    """The function that makes or reads a field."""
+    load_field: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute
+    """The function that computes a field or reads it from the cache."""
 
     @property
     def key(self) -> tuple[str, str]:
@@ -67,28 +67,26 @@ class Case:
         return self.map, self.config
 
     def costmap(self) -> tuple[Costmap, CovarianceField | None]:
-        """The costmap, of the estimator's own weight, and the field that it is made of."""
+        """Return the costmap with the estimator's weight, and its field."""
         if self.settings is None:
             assert self.user_costmap is not None
             return self.user_costmap, None
-        covariance_field = self.field_of(self.grid, self.settings)
-        options: Any = {
-            "robot": self.robot_radius,
-            "criterion": self.criterion,
-            "zones": self.zones,
-        }
-        return Costmap.from_field(covariance_field, **options), covariance_field
+        covariance_field = self.load_field(self.grid, self.settings)
+        costs = Costmap.from_field(
+            covariance_field, robot=self.robot_radius, criterion=self.criterion, zones=self.zones
+        )
+        return costs, covariance_field
 
 
 @dataclass(frozen=True)
-class Standing:
+class PlannerStanding:
     """A planner's statistics, and each of its measures compared with the baseline's.
 
-    Medians are over the queries that the planner and the baseline have both solved, as the ratio
-    is: otherwise a planner that fails at hard queries would look better than it is.
+    Medians and ratios use the queries that the planner and the baseline both solved. Otherwise a
+    planner that fails on hard queries would look better than it is.
     """
 
-    summary: Summary
+    summary: PlannerSummary
     """The statistics of the planner by itself."""
     contrasts: Mapping[str, PlannerContrast]
     """The comparisons with the baseline, by measure."""
@@ -113,26 +111,26 @@ class Standing:
 
     @property
     def answer(self) -> str:
-        """What there is to say of the planner in a verdict; nothing of a perfect baseline."""
+        """The planner's part of a verdict; empty for a baseline that solves everything."""
         share = self.summary.success.value
         parts = [self.cost.sentence, f"solves {share:.0%}" if share < 1 else ""]
         text = ", ".join(filter(None, parts))
         return f"{self.summary.planner}: {text}" if text else ""
 
 
-def _failure(runs: Sequence[Run], planner: str) -> str:
-    """Return the first exception of a planner all of whose runs raise one; empty otherwise."""
+def _describe_failure(runs: Sequence[PlannerRun], planner: str) -> str:
+    """Return the first exception of a planner if all its runs raise one; otherwise nothing."""
     notes = [run.note for run in runs if run.task.planner == planner and run.status == "error"]
     if not notes or len(notes) < sum(run.task.planner == planner for run in runs):
         return ""
     return f"{planner} raises in all {len(notes)} runs, first {notes[0]}"
 
 
-def _median(name: str) -> Callable[[Standing], float]:
-    return lambda standing: standing.contrasts[name].ours.median
+def _make_median_getter(name: str) -> Callable[[PlannerStanding], float]:
+    return lambda standing: standing.contrasts[name].planner_quartiles.median
 
 
-STANDINGS = (
+STANDING_COLUMNS = (
     Column("map", value=lambda standing: standing.setting.map),
     Column("config", value=lambda standing: standing.setting.config),
     Column("weight", "m", value=lambda standing: standing.setting.weight),
@@ -142,17 +140,22 @@ STANDINGS = (
     Column("ratio", "", "ratio\nof J", 3, value=lambda standing: standing.cost.estimate.value),
     Column("ratio_low", value=lambda standing: standing.cost.estimate.low),
     Column("ratio_high", value=lambda standing: standing.cost.estimate.high),
-    Column("cost", "m", "J", value=_median("cost")),
-    Column("baseline_cost", "m", "base\nJ", value=lambda standing: standing.cost.theirs.median),
-    Column("integrated_u", "m", "∫u", value=_median("integrated_u")),
-    Column("seconds", "s", "time", 3, value=_median("seconds")),
+    Column("cost", "m", "J", value=_make_median_getter("cost")),
+    Column(
+        "baseline_cost",
+        "m",
+        "base\nJ",
+        value=lambda standing: standing.cost.baseline_quartiles.median,
+    ),
+    Column("integrated_u", "m", "∫u", value=_make_median_getter("integrated_u")),
+    Column("seconds", "s", "time", 3, value=_make_median_getter("seconds")),
     Column("sentence", value=lambda standing: standing.cost.sentence),
 )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Result):
-    """All runs of a comparison with their statistics; `compare` makes it."""
+    """All runs of a comparison with their statistics, as returned by `compare`."""
 
     files: ClassVar[ResultFiles] = ResultFiles(
         "comparison",
@@ -166,11 +169,11 @@ class Comparison(Result):
         },
     )
 
-    runs: tuple[Run, ...]
+    runs: tuple[PlannerRun, ...]
     """The runs by map, settings, weight, query, planner and seed."""
     baseline: str
-    """The label of the planner that the others are compared with."""
-    cases: Mapping[tuple[str, str], Case]
+    """The label of the planner that all planners are compared with."""
+    cases: Mapping[tuple[str, str], MapCase]
     """The map, settings and queries of each case, by the names of map and settings."""
     description: Mapping[str, Any] = field(default_factory=dict)
     """Settings, versions, the machine and the time of the comparison, fit for JSON."""
@@ -179,37 +182,37 @@ class Comparison(Result):
 
     def __repr__(self) -> str:
         planners = dict.fromkeys(run.task.planner for run in self.runs)
-        failures = filter(None, (_failure(self.runs, planner) for planner in planners))
+        failures = filter(None, (_describe_failure(self.runs, planner) for planner in planners))
         planners_text = "; ".join([", ".join(planners), *failures])
         return f"Comparison({len(self.runs)} runs of {planners_text})"
 
-    def summaries(self, *, pooled: bool = False) -> list[Summary]:
-        """Success, medians and quartiles of each planner.
+    def summaries(self, *, pooled: bool = False) -> list[PlannerSummary]:
+        """Return success, medians and quartiles of each planner.
 
         Parameters
         ----------
         pooled : bool, default False
-            True takes all maps together; by default each map has its own.
+            True pools all maps; otherwise maps are separate.
         """
         return statistics.compute_summaries(self.runs, pooled)
 
     def contrasts(self, *, pooled: bool = False) -> list[PlannerContrast]:
-        """Each planner and measure compared with the baseline's, with interval and sentence.
+        """Return each planner's measures compared with the baseline's, with interval and sentence.
 
         Parameters
         ----------
         pooled : bool, default False
-            True takes all maps together, each query alike; by default each map has its own.
+            True pools all maps, with equal weight for each query; otherwise maps are separate.
         """
         return compute_contrasts(self.runs, self.baseline, pooled)
 
-    def standings(self, *, pooled: bool = False) -> list[Standing]:
-        """Each planner's statistics, by map, settings and weight.
+    def standings(self, *, pooled: bool = False) -> list[PlannerStanding]:
+        """Return each planner's statistics, by map, settings and weight.
 
         Parameters
         ----------
         pooled : bool, default False
-            True takes all maps together; by default each map has its own.
+            True pools all maps; otherwise maps are separate.
         """
         contrasts_by_planner: dict[tuple[RunSetting, str], dict[str, PlannerContrast]] = {}
         for summary in self.contrasts(pooled=pooled):
@@ -218,7 +221,7 @@ class Comparison(Result):
             ] = summary
         summaries = self.summaries(pooled=pooled)
         rows = [
-            Standing(summary, contrasts_by_planner[summary.setting, summary.planner])
+            PlannerStanding(summary, contrasts_by_planner[summary.setting, summary.planner])
             for summary in summaries
         ]
         cases = [statistics.setting_from_run(run, pooled)[:2] for run in self.runs]
@@ -226,7 +229,7 @@ class Comparison(Result):
         return sorted(rows, key=lambda row: (order[row.setting[:2]], row.setting.weight))
 
     def answers(self) -> dict[str, str]:
-        """The verdict on each map in words: each planner's J compared, at the greatest weight."""
+        """Return the verdict on each map in words: each planner's J at the greatest weight."""
         texts: dict[str, list[str]] = {}
         for case, group in itertools.groupby(self.standings(), lambda row: row.setting[:2]):
             rows = list(group)
@@ -237,50 +240,50 @@ class Comparison(Result):
         return {name: " ".join(sentences) for name, sentences in texts.items()}
 
     def table(self) -> Table:
-        """Each planner's success, J, degeneracy and time, by map, settings and weight."""
-        return Table.from_records(STANDINGS, self.standings())
+        """Return each planner's success, J, degeneracy and time, by map, settings and weight."""
+        return Table.from_records(STANDING_COLUMNS, self.standings())
 
     def report(self) -> str:
-        """A table for each map, settings and weight, with what is to be said of J below it.
+        """Return a table for each map, settings and weight, followed by the verdicts on J.
 
-        The tables then fit a terminal of 80 columns.
+        The tables fit a terminal of 80 columns.
         """
         parts = []
         for setting, group in itertools.groupby(self.standings(), lambda row: row.setting):
             rows = list(group)
             parts.append(f"{setting.map}, {setting.config}, weight {setting.weight:g}")
-            parts.append(str(Table.from_records(STANDINGS, rows)))
+            parts.append(str(Table.from_records(STANDING_COLUMNS, rows)))
             runs = [run for run in self.runs if statistics.setting_from_run(run) == setting]
             sentences = [
-                _failure(runs, r.summary.planner)
+                _describe_failure(runs, r.summary.planner)
                 or f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}"
                 f"{self._format_undrivable(r)}"
                 for r in rows
             ]
             parts += wrap_lines(sentences)
         note = (
-            "n: queries that planner and baseline both solved. Over these: the ratio of J, and the"
-            " medians of J, of the baseline's (base J), of degenerate metres (∫u) and of time."
+            "n: queries that planner and baseline both solved. Ratio of J, and medians of J, of the"
+            " baseline's J (base J), of degenerate metres (∫u) and of time, over these queries."
         )
         return "\n".join([*parts, *wrap_lines([note])])
 
-    def _format_undrivable(self, row: Standing) -> str:
-        """How many of a planner's paths the robot cannot drive, for the end of a sentence."""
+    def _format_undrivable(self, row: PlannerStanding) -> str:
+        """Return the number of a planner's undrivable paths, as the end of a sentence."""
         row_key = row.setting, row.summary.planner
         runs = [
             r
             for r in self.runs
             if (statistics.setting_from_run(r), r.task.planner) == row_key and r.measures
         ]
-        count = sum(run.note.startswith(Run.undrivable_note) for run in runs)
+        count = sum(run.note.startswith(PlannerRun.undrivable_note) for run in runs)
         return f"; the robot cannot drive {count} of its {len(runs)} paths" if count else ""
 
     def to_frame(self) -> Any:
-        """A pandas data frame with one row for every run; a LocplanError without pandas."""
+        """Return a pandas data frame with a row per run; raise a LocplanError without pandas."""
         return Table.from_records(statistics.RUN_COLUMNS, self.runs).to_frame()
 
     def summary(self) -> dict[str, Any]:
-        """The settings and all statistics, fit for JSON."""
+        """Return the settings and all statistics as plain data for JSON."""
         return {
             **self.description,
             "cases": [
@@ -297,19 +300,19 @@ class Comparison(Result):
             ],
             "baseline": self.baseline,
             "command": self.command,
-            "summaries": [_plain(contrast) for contrast in self.summaries()],
-            "contrasts": [_plain(contrast) for contrast in self.contrasts()],
+            "summaries": [_statistics_to_plain_data(contrast) for contrast in self.summaries()],
+            "contrasts": [_statistics_to_plain_data(contrast) for contrast in self.contrasts()],
         }
 
     def write_files(self, folder: Path, *related: Any) -> None:
-        """Write the report, the tables and OMPL's logs into a folder that is there.
+        """Write the report, the tables and OMPL's logs into an existing folder.
 
         Parameters
         ----------
         folder : path
             The folder.
-        *about
-            What `summary` takes.
+        *related
+            Not used.
         """
         from locplan.comparison.report import write_comparison_report
 
@@ -329,14 +332,12 @@ class Comparison(Result):
         )
 
     def figure(self) -> Figure:
-        """J of each planner as a multiple of the baseline's with its interval, a row for each
-        setting.
-        """
+        """Draw the ratio of each planner's J to the baseline's, with its interval."""
         from locplan.comparison.figures import cost_figure
 
         return cost_figure(self)
 
 
-def _plain(figures: Summary | PlannerContrast) -> dict[str, Any]:
+def _statistics_to_plain_data(figures: PlannerSummary | PlannerContrast) -> dict[str, Any]:
     """Return statistics as plain data, with the map, field and weight by name."""
     return to_plain_data(figures) | {"setting": figures.setting._asdict()}

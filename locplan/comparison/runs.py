@@ -1,4 +1,4 @@
-"""Runs of a comparison: jobs for workers, their shared costmaps, and one run of a planner."""
+"""Runs of a comparison: jobs for workers, shared costmaps, and the run of a planner."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from locplan._support.checks import short_repr
 from locplan._support.progress import ProgressCallback
-from locplan.comparison.journal import Journal
+from locplan.comparison.journal import RunJournal
 from locplan.comparison.planners import PlannerSpec
-from locplan.comparison.statistics import MEASURES, Run, Task, group_records
+from locplan.comparison.statistics import MEASURES, PlannerRun, RunTask, group_records
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path as Route
@@ -31,48 +31,48 @@ from locplan.planning.protocol import Position
 from locplan.planning.results import Plan
 
 if TYPE_CHECKING:
-    from locplan.comparison.result import Case
+    from locplan.comparison.result import MapCase
 
 
 LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Job:
-    """A task with everything that a worker needs for it."""
+class PlannerJob:
+    """A task with the data that a worker needs to run it."""
 
-    task: Task
+    task: RunTask
     costs: Path
     """Folder of the shared costmap."""
     start: Position
     goal: Position
     planner: int
-    """Index of the planner among those that the worker was given."""
+    """Index of the planner in the worker's list."""
 
 
 def make_jobs(
-    case: Case,
+    case: MapCase,
     costs: Costmap,
     home: Path,
     specs: Sequence[PlannerSpec],
     weights: Sequence[float],
     seeds: Sequence[int],
-) -> Iterator[Job]:
-    """Yield the orders of a case, whose costmap is in the folder `home`."""
+) -> Iterator[PlannerJob]:
+    """Yield the jobs of a case, whose costmap is in the folder `home`."""
     _check_queries(case, costs, {spec.planner.space for spec in specs})
     for weight, query, (planner_index, spec) in itertools.product(
         weights, case.queries, enumerate(specs)
     ):
         for seed in spec.seeds(seeds):
-            task = Task(case.map, case.config, query.name, weight, spec.label, int(seed))
-            yield Job(task, home, query.start, query.goal, planner_index)
+            task = RunTask(case.map, case.config, query.name, weight, spec.label, int(seed))
+            yield PlannerJob(task, home, query.start, query.goal, planner_index)
 
 
-def _check_queries(case: Case, costs: Costmap, spaces: Iterable[str]) -> None:
-    """Raise a LocplanError unless all planners' spaces hold the ends of all queries."""
+def _check_queries(case: MapCase, costs: Costmap, spaces: Iterable[str]) -> None:
+    """Raise a LocplanError unless all ends of queries are valid for all planners."""
     names = [query.name for query in case.queries]
     if not names or len(set(names)) < len(names):
-        raise ConfigError(f"map {short_repr(case.map)} needs queries, each with a name of its own")
+        raise ConfigError(f"map {short_repr(case.map)} needs queries with distinct names")
     for query, space in itertools.product(case.queries, {"R2", *spaces}):
         headed = slice(None) if space != "R2" else slice(2)
         try:
@@ -83,16 +83,16 @@ def _check_queries(case: Case, costs: Costmap, spaces: Iterable[str]) -> None:
 
 
 def run_jobs(
-    jobs: Sequence[Job],
+    jobs: Sequence[PlannerJob],
     specs: Sequence[PlannerSpec],
-    start: Callable[[Sequence[Job]], Iterator[Run]],
-    journal: Journal | None,
+    perform_jobs: Callable[[Sequence[PlannerJob]], Iterator[PlannerRun]],
+    journal: RunJournal | None,
     progress: ProgressCallback | None,
-) -> list[Run]:
-    """Return the runs of all orders, in their order; those in the journal are not made again.
+) -> list[PlannerRun]:
+    """Return the runs of all jobs in job; runs in the journal are not repeated.
 
-    Runs that were ended from outside are made again, and those of a user's planner that declares
-    no version: nobody knows if it has changed.
+    Runs that crashed, hung or ran out of memory are repeated. So are runs of a user's planner
+    without a version, because it may have changed.
     """
     journal_runs = journal.runs if journal else {}
     lasting = [spec.label for spec in specs if not spec.is_user_planner or spec.version is not None]
@@ -109,7 +109,9 @@ def run_jobs(
             LOG.warning("planner %s: %d runs cached, version %s", spec.label, count, spec.version)
     if progress:
         progress(len(runs), len(jobs))
-    for run in start(_longest_first([o for o in jobs if o.task not in runs], specs)):
+    for run in perform_jobs(
+        _sort_longest_first([job for job in jobs if job.task not in runs], specs)
+    ):
         runs[run.task] = run
         if journal:
             journal.add(run)
@@ -118,15 +120,17 @@ def run_jobs(
     return [runs[job.task] for job in jobs]
 
 
-def _longest_first(jobs: Sequence[Job], specs: Sequence[PlannerSpec]) -> list[Job]:
-    """Sort by costmap, and within each put long runs first, so that none is left at the end."""
+def _sort_longest_first(
+    jobs: Sequence[PlannerJob], specs: Sequence[PlannerSpec]
+) -> list[PlannerJob]:
+    """Sort jobs by costmap, then long ones first, so that workers finish at similar times."""
 
-    def limit(order: Job) -> float:
-        spec = specs[order.planner]
+    def limit(job: PlannerJob) -> float:
+        spec = specs[job.planner]
         unknown = math.inf if spec.is_user_planner else 0.0
         return unknown if spec.time_limit is None else spec.time_limit
 
-    groups = group_records(jobs, lambda order: (order.costs, order.task.weight))
+    groups = group_records(jobs, lambda job: (job.costs, job.task.weight))
     return [
         job
         for costmap_jobs in groups.values()
@@ -134,9 +138,9 @@ def _longest_first(jobs: Sequence[Job], specs: Sequence[PlannerSpec]) -> list[Jo
     ]
 
 
-def put_costmap(costs: Costmap, folder: Path) -> None:
-    """Write a costmap into a new folder, each of its arrays to a file of its own."""
-    # Paths are measured with these: made once for all, and in no planner's time.
+def write_costmap(costs: Costmap, folder: Path) -> None:
+    """Write a costmap into a new folder, with a file for each of its arrays."""
+    # Measuring paths needs these: computed once, and outside the planners' time.
     _ = costs.grid.clearance, costs.u_of_heading
     buffers: list[pickle.PickleBuffer] = []
     pickled_costmap = pickle.dumps(costs, protocol=5, buffer_callback=buffers.append)
@@ -148,13 +152,13 @@ def put_costmap(costs: Costmap, folder: Path) -> None:
     except OSError as error:
         reason = error.strerror or error
         raise LocplanError(
-            f"{folder}: cannot be written ({reason}); TMPDIR names another"
+            f"{folder}: cannot be written ({reason}); set TMPDIR to another folder"
         ) from None
 
 
 @lru_cache(maxsize=1)
 def read_costmap(folder: Path) -> Costmap:
-    """Read a costmap, whose read-only arrays all processes share in memory; the last is kept."""
+    """Read a costmap with read-only arrays that processes share; the last one is cached."""
     names = (folder / f"{n}.raw" for n in itertools.count())
     files = itertools.takewhile(Path.exists, names)
     buffers = [np.memmap(file, mode="r") for file in files]
@@ -163,64 +167,72 @@ def read_costmap(folder: Path) -> Costmap:
 
 
 @lru_cache(maxsize=1)
-def weighted_costmap(folder: Path, weight: float) -> Costmap:
-    """The costmap with a weight, which is 0 for one without a field; the last one is kept."""
+def read_weighted_costmap(folder: Path, weight: float) -> Costmap:
+    """Return the costmap in a folder with a weight; the last one is cached."""
     costs = read_costmap(folder)
     if math.isnan(costs.weight) and weight == 0:
         return costs
     return costs if costs.weight == weight else costs.with_weight(weight)
 
 
-def perform_job(planner: PlannerSpec, job: Job, memory: float) -> Run:
-    """Make one run within a limit of memory [bytes]; an exception of the planner is a result."""
+def perform_job(planner: PlannerSpec, job: PlannerJob, memory: float) -> PlannerRun:
+    """Run a job within a memory limit [bytes]; an exception of the planner is a result."""
     began = time.perf_counter()
     try:
-        costs = weighted_costmap(job.costs, job.task.weight)
-        with limited_memory(memory):
+        costs = read_weighted_costmap(job.costs, job.task.weight)
+        with limit_memory(memory):
             result = planner.plan(costs, job.start, job.goal, job.task.seed)
     except MemoryError as error:
         status, note = "out of memory", str(error) or "the planner ran out of memory"
     except LocplanError as error:
         status, note = "error", str(error)
-    except BaseException as error:  # sys.exit in a planner shall not end the comparison
+    except BaseException as error:  # sys.exit in a planner must not end the comparison
         status, note = "error", f"{type(error).__name__}: {error}"
     else:
         run = run_from_plan(job.task, result)
         return dataclasses.replace(run, note=find_driving_fault(costs, result.path) or run.note)
     elapsed = time.perf_counter() - began
-    return Run(job.task, status, elapsed, elapsed, note=(note.splitlines() or [""])[0])
+    return PlannerRun(job.task, status, elapsed, elapsed, note=(note.splitlines() or [""])[0])
 
 
-def run_from_plan(task: Task, result: Plan) -> Run:
-    """A plan as a run; the caller measures the wall time and adds it."""
-    seconds, path = float(result.solve_time), result.path
-    path_results: dict[str, Any] = {}
-    if path is not None:
-        names = [name for name in MEASURES if name not in ("seconds", "turning")]
-        metric_values = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
-        history = ((float(at), float(cost)) for at, cost in result.history)
-        path_results["measures"] = metric_values | {"turning": measure_turning(path)}
-        path_results["history"] = tuple(point for point in history if math.isfinite(sum(point)))
-        path_results["xy"] = tuple(map(tuple, path.xy.tolist()))
-    expanded = None if result.expanded is None else int(result.expanded)
-    run_fields = {"note": str(result.note or ""), "expanded": expanded, **path_results}
-    return Run(task, str(result.status), seconds, seconds, **run_fields)
+def run_from_plan(task: RunTask, result: Plan) -> PlannerRun:
+    """Return a plan as a run; the caller adds the wall time."""
+    seconds = float(result.solve_time)
+    run = PlannerRun(
+        task,
+        str(result.status),
+        seconds,
+        seconds,
+        note=str(result.note or ""),
+        expanded=None if result.expanded is None else int(result.expanded),
+    )
+    if result.path is None:
+        return run
+    names = [name for name in MEASURES if name not in ("seconds", "turning")]
+    metric_values = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
+    history = ((float(at), float(cost)) for at, cost in result.history)
+    return dataclasses.replace(
+        run,
+        measures=metric_values | {"turning": measure_turning(result.path)},
+        history=tuple(point for point in history if math.isfinite(sum(point))),
+        xy=tuple(map(tuple, result.path.xy.tolist())),
+    )
 
 
 def find_driving_fault(costs: Costmap, path: Route | None) -> str:
-    """Why a robot with an outline or a turning radius cannot drive a path; empty where it can."""
+    """Return why a robot with an outline or turning radius cannot drive a path; empty if it can."""
     robot = costs.robot
     if path is None or robot is None or not (robot.outline or robot.kinematics.turning_radius):
         return ""
     faults = path_faults(costs.grid, path, robot)
     fault_texts = [f"{fault.kind} near {fault.x:.2f},{fault.y:.2f}" for fault in faults]
-    return f"{Run.undrivable_note}: {fault_texts[0]}" if fault_texts else ""
+    return f"{PlannerRun.undrivable_note}: {fault_texts[0]}" if fault_texts else ""
 
 
 def measure_turning(path: Route) -> float:
-    """The sum of all changes of direction along a path [rad].
+    """Return the sum of all changes of direction along a path [rad].
 
-    >>> round(turning(Route(np.array([(0, 0), (1, 0), (1, 1), (1, 1), (0, 1)]))), 4)
+    >>> round(measure_turning(Route(np.array([(0, 0), (1, 0), (1, 1), (1, 1), (0, 1)]))), 4)
     3.1416
     """
     steps = np.diff(path.xy, axis=0)
@@ -230,7 +242,7 @@ def measure_turning(path: Route) -> float:
 
 
 def forbid_core_files() -> None:
-    """Let a crash of this process leave no file, where the system has such limits."""
+    """Prevent core files of this process, on systems with resource limits."""
     with suppress(ModuleNotFoundError):
         import resource
 
@@ -238,9 +250,9 @@ def forbid_core_files() -> None:
 
 
 @contextmanager
-def limited_memory(extra: float) -> Iterator[None]:
-    """Limit the memory that this process may take in addition [bytes], on Linux."""
-    used = _data_size()
+def limit_memory(extra: float) -> Iterator[None]:
+    """Limit the additional memory of this process within a block [bytes], on Linux."""
+    used = _measure_data_size()
     try:
         import resource
     except ModuleNotFoundError:
@@ -258,8 +270,8 @@ def limited_memory(extra: float) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_DATA, before)
 
 
-def _data_size() -> int:
-    """The memory that counts against the limit: private and writable, touched or not [bytes]."""
+def _measure_data_size() -> int:
+    """Return the memory that counts towards the limit: private and writable [bytes]."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""The settings of a comparison, and how the first line of its journal describes them."""
+"""Settings of a comparison, and their description in the first line of a journal."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from locplan.planning.queries import check_random, normalize_queries
 
 @dataclass(frozen=True)
 class RandomQueries:
-    """Queries that are drawn at random, the same for all settings of a map's fields."""
+    """Settings of random queries, which all fields of a map share."""
 
     count: int = 10
-    """Number of queries a map, 1 to 10,000. Intervals are over the queries: more narrow these."""
+    """Number of queries per map, 1 to 10,000. More queries give narrower intervals."""
     min_distance: float = 5.0
     """Minimum straight distance between start and goal [m], >= 0. Lower it on a small map."""
     seed: int = 1
@@ -45,29 +45,29 @@ class RandomQueries:
 
 @dataclass(frozen=True)
 class Execution:
-    """How the runs of a comparison are made; but for its limits it changes no result."""
+    """Settings of the execution of a comparison; only the limits affect results."""
 
     workers: int | None = None
-    """Number of processes at once; by default the number of cores. Fewer disturb each other's
-    planning times less."""
+    """Number of parallel processes; by default the number of cores. With fewer, planning times are
+    less disturbed."""
     time_limit: float | None = None
-    """Time limit of planners that take one and have none of their own [s], above 0; by default
-    OMPL's have 5."""
+    """Time limit of planners that accept one and have none [s], above 0; by default OMPL's planners
+    have 5 s."""
     memory: float | None = None
-    """Memory of a run [bytes], on Linux; by default the workers share 80 % of the machine's."""
+    """Memory limit of a run [bytes], on Linux; by default the workers share 80 % of the memory."""
     patience: float = 300.0
-    """Time after which a planner without a time limit is ended [s], above 0. A planner with a limit
-    is ended after twice that limit and 10 s."""
+    """Time after which a planner without a time limit is killed [s], above 0. A planner with a
+    limit is killed after twice the limit plus 10 s."""
     journal: str | os.PathLike[str] | None = None
-    """File that every run is written to as soon as it is done; by default there is none. Runs in it
-    are not made again, except those that crashed, hung or took too much memory. A file of other
-    settings is refused."""
+    """File to which every completed run is appended; by default none. Runs in the file are not
+    repeated, unless they crashed, hung or took too much memory. A file with other settings is
+    refused."""
     force: bool = False
-    """True forgets the runs in the journal."""
-    field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute
-    """Function ``f(grid, config)`` that makes or reads the field of a map."""
+    """True discards the runs in the journal."""
+    load_field: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute
+    """Function ``f(grid, config)`` that computes the field of a map or reads it from the cache."""
     progress: ProgressCallback | None = None
-    """Called with (done, total) runs."""
+    """Function that is called with (done, total) runs."""
 
     def __post_init__(self) -> None:
         check_workers(self.workers)
@@ -78,19 +78,19 @@ class Execution:
 
 
 def resolve_queries(queries: Any) -> Any:
-    """Return random queries, a file, queries, or a mapping of these."""
+    """Return random queries, a file, a list of queries, or a mapping of these by map."""
     if isinstance(queries, Mapping):
         return {name: resolve_queries(map_queries) for name, map_queries in queries.items()}
     if is_integer(queries):
         return RandomQueries(queries)
     if isinstance(queries, (RandomQueries, str, os.PathLike)):
         return queries
-    nowhere: Any = None  # only random queries need a costmap
-    return normalize_queries(nowhere, queries, 0.0, 1)
+    no_costmap: Any = None  # only random queries need a costmap
+    return normalize_queries(no_costmap, queries, 0.0, 1)
 
 
 def describe_queries(queries: Any) -> Any:
-    """Return what `resolved_queries` returned, fit for JSON."""
+    """Return the result of `resolve_queries` as plain data for JSON."""
     if isinstance(queries, Mapping):
         return {str(name): describe_queries(map_queries) for name, map_queries in queries.items()}
     if isinstance(queries, (str, os.PathLike)):
@@ -101,12 +101,12 @@ def describe_queries(queries: Any) -> Any:
 
 
 def describe_field_config(config: FieldConfig) -> list[Any]:
-    """Return the settings of a field and the version of a user's estimator, fit for JSON."""
+    """Return the settings of a field and its estimator's version as plain data for JSON."""
     return [config.to_json(), getattr(config.estimator, "version", None)]
 
 
 def compute_map_digest(map_or_costmap: OccupancyGrid | Costmap) -> str:
-    """Return a digest of everything in a map or costmap that paths and measures depend on."""
+    """Return a digest of the parts of a map or costmap that affect paths and measures."""
     if isinstance(map_or_costmap, OccupancyGrid):
         return map_or_costmap.digest
     content = hashlib.blake2b(digest_size=16)
@@ -135,8 +135,8 @@ def compute_map_digest(map_or_costmap: OccupancyGrid | Costmap) -> str:
     return content.hexdigest()
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of everything that computes."""
+def collect_versions() -> dict[str, str]:
+    """Return the versions of locplan, Python and the numerical libraries."""
     libraries = [name for name in ("numpy", "numba", "scipy", "ompl") if find_spec(name)]
     return {
         "locplan": __version__,

@@ -24,27 +24,31 @@ STATUSES = (
     *("solved", "unreachable", "infeasible", "timeout", "not found"),
     *("error", "crashed", "hung", "out of memory"),
 )
-"""Outcomes of a run: the first five are the planner's own, the others are failures."""
+"""Outcomes of a run: the planner reports the first five; the last four are failures."""
 
 HIGH_U = f"with u > {DEGENERATE:g}"
-RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
+RATIO, RATIO_OF_SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
 COMPARED: Mapping[str, tuple[str, str, str]] = {
     "length": (RATIO, "shorter", "longer"),
     "cost": (RATIO, "cheaper", "costlier"),
-    "integrated_u": (SUMS, "fewer degenerate metres", "more degenerate metres"),
-    "integrated_e": (SUMS, "less ∫e ds", "more ∫e ds"),
-    "max_e": (SUMS, "lower in max e", "higher in max e"),
+    "integrated_u": (RATIO_OF_SUMS, "fewer degenerate metres", "more degenerate metres"),
+    "integrated_e": (RATIO_OF_SUMS, "less ∫e ds", "more ∫e ds"),
+    "max_e": (RATIO_OF_SUMS, "lower in max e", "higher in max e"),
     "degenerate_share": (DIFFERENCE, f"less {HIGH_U}", f"more {HIGH_U}"),
-    "longest_degenerate": (SUMS, f"shorter at a stretch {HIGH_U}", f"longer at a stretch {HIGH_U}"),
-    "clearance": (SUMS, "less clearance", "more clearance"),
-    "turning": (SUMS, "less turning", "more turning"),
+    "longest_degenerate": (
+        RATIO_OF_SUMS,
+        f"shorter at a stretch {HIGH_U}",
+        f"longer at a stretch {HIGH_U}",
+    ),
+    "clearance": (RATIO_OF_SUMS, "less clearance", "more clearance"),
+    "turning": (RATIO_OF_SUMS, "less turning", "more turning"),
     "seconds": (RATIO, "less planning time", "more planning time"),
 }
-"""Kind of the comparison with the baseline by measure, with the words for less and more of it.
+"""Kind of the comparison with the baseline by measure, with the words for less and more.
 
-Measures that are never 0 have ratios: their geometric mean counts every query alike. The others
-may be 0, where a ratio is undefined: a ratio of sums is defined if any query is above 0, and a
-query with a tenth of a metre counts as little as it matters. Shares have the mean difference.
+Measures that are never 0 have ratios, whose geometric mean weights all queries equally. For
+measures that may be 0, a ratio of sums is defined if any query is above 0, and gives small values
+little weight. Shares have the mean difference.
 """
 MEASURES: Mapping[str, Column] = {
     column.name: column
@@ -54,13 +58,13 @@ MEASURES: Mapping[str, Column] = {
         Column("seconds", "s", "planning time"),
     )
 }
-"""The measures of a solved run by name, with title and unit: those of `PathMetrics` that are
-compared, and two of the comparison's own."""
+"""The measures of a solved run by name, with title and unit: compared ones of `PathMetrics`,
+turning and planning time."""
 
 
 @dataclass(frozen=True, order=True)
-class Task:
-    """One run to be made. Sorted and hashable: its fields are the key of its result."""
+class RunTask:
+    """A run to make. It is sortable and hashable: its fields are the key of its result."""
 
     map: str
     """The map's name."""
@@ -77,38 +81,38 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Run:
+class PlannerRun:
     """The outcome of a task; a run without a path has no measures."""
 
     undrivable_note: ClassVar[str] = "the robot cannot drive it"
-    """How the note of a path begins that the robot's outline or turning radius does not allow."""
-    task: Task
+    """Start of the note of a path that the robot's outline or turning radius does not allow."""
+    task: RunTask
     """The map, query, weight, planner and seed of the run."""
     status: str
     """One of `STATUSES`."""
     seconds: float
-    """Planning time, as the planner itself measures it where it does [s]."""
+    """Planning time, measured by the planner itself if possible [s]."""
     wall_seconds: float
-    """Time from the start of the order to its result [s]."""
+    """Time from the start of the job to its result [s]."""
     measures: Mapping[str, float] = field(default_factory=dict)
     """The measures by their names in `MEASURES`, except "seconds"; none without a path."""
     history: tuple[tuple[float, float], ...] = ()
-    """Times since an anytime planner began [s], each with its best J until then [m]; none for
-    others."""
+    """Times since the start of an anytime planner [s], each with the best J so far [m]; empty for
+    other planners."""
     xy: tuple[tuple[float, float], ...] = ()
     """The path's positions (x, y) in the world [m]; none without a path."""
     note: str = ""
-    """The reason why there is no path, or why the robot cannot drive it; empty where it can."""
+    """The reason why there is no path, or why the robot cannot drive it; otherwise empty."""
     expanded: int | None = None
     """Number of cells that a grid planner expanded; None for other planners."""
 
     @property
     def is_aborted(self) -> bool:
-        """Whether it was ended from outside, which may go otherwise the next time."""
+        """True if the run crashed, hung or ran out of memory; a repetition may succeed."""
         return self.status in ("crashed", "hung", "out of memory")
 
     def measure(self, name: str) -> float:
-        """A measure; NaN where it is not known.
+        """Return a measure; NaN if unknown.
 
         Parameters
         ----------
@@ -118,8 +122,8 @@ class Run:
         return self.seconds if name == "seconds" else self.measures.get(name, math.nan)
 
 
-def _cell(name: str, run: Run) -> float | str:
-    """Return what stands in a column."""
+def _get_cell(name: str, run: PlannerRun) -> float | str:
+    """Return the value of a run in a column of the table of runs."""
     if name in MEASURES:
         return run.measure(name)
     value: Any = getattr(run.task if hasattr(run.task, name) else run, name)
@@ -127,9 +131,9 @@ def _cell(name: str, run: Run) -> float | str:
 
 
 RUN_COLUMNS = tuple(
-    dataclasses.replace(column, value=partial(_cell, column.name))
+    dataclasses.replace(column, value=partial(_get_cell, column.name))
     for column in (
-        *(Column(task_field.name) for task_field in dataclasses.fields(Task)),
+        *(Column(task_field.name) for task_field in dataclasses.fields(RunTask)),
         *(Column("status"), Column("seconds"), Column("wall_seconds", "s")),
         *(Column("note"), Column("expanded")),
         *(column for name, column in MEASURES.items() if name != "seconds"),
@@ -141,7 +145,7 @@ RUN_COLUMNS = tuple(
 def group_records(
     records: Iterable[Record], key: Callable[[Record], Key]
 ) -> dict[Key, list[Record]]:
-    """The records by a key, in the order in which the keys come first."""
+    """Return the records grouped by a key, in the order of first appearance."""
     groups: dict[Key, list[Record]] = {}
     for record in records:
         groups.setdefault(key(record), []).append(record)
@@ -152,7 +156,7 @@ Array = NDArray[np.float64]
 
 
 class RunSetting(NamedTuple):
-    """Map, settings of the field and weight: runs are compared only where they share these."""
+    """The map, field settings and weight that compared runs share."""
 
     map: str | None
     """The map's name; None for all maps together."""
@@ -171,13 +175,13 @@ class Quartiles(NamedTuple):
     """The lower quartile."""
     upper: float = math.nan
     """The upper quartile."""
-    known: int = 0
+    n_values: int = 0
     """Number of finite values."""
 
 
 @dataclass(frozen=True)
-class Summary:
-    """Statistics of one planner by itself; do not compare them: planners solve different runs."""
+class PlannerSummary:
+    """Statistics of one planner over its solved runs, which differ between planners."""
 
     setting: RunSetting
     """The map, the field's settings and the weight of the runs."""
@@ -188,66 +192,70 @@ class Summary:
     solved: int
     """Number of runs that found a path."""
     success: Interval
-    """The mean over the queries of the share of seeds that solved them, 0..1."""
+    """The share of seeds that solved a query, averaged over the queries, 0..1."""
     measures: Mapping[str, Quartiles]
     """Median and quartiles over the solved runs, by the names of `MEASURES`."""
 
 
-def compute_summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
-    """Success, medians and quartiles for every map, configuration, weight and planner.
+def compute_summaries(runs: Iterable[PlannerRun], pooled: bool = False) -> list[PlannerSummary]:
+    """Return success, medians and quartiles for every map, configuration, weight and planner.
 
-    The interval of the success rate is Wilson's (J. Am. Stat. Assoc. 22, 1927) for as many trials
-    as there are queries: the seeds of a query mostly succeed or fail together. With runs as trials
-    it held the truth in 77-87 % of simulated cases, with queries in 97-99 %.
+    The interval of the success rate is Wilson's (J. Am. Stat. Assoc. 22, 1927) with queries as
+    trials, because the seeds of a query mostly succeed or fail together. In simulations it covered
+    the true rate in 97-99 % of cases; with runs as trials only in 77-87 %.
     """
     planner_summaries = []
-    for (setting, planner), group in by_planner(runs, pooled).items():
+    for (setting, planner), group in group_by_planner(runs, pooled).items():
         solved = [run for run in group if run.status == "solved"]
         shares = [
             np.mean([run.status == "solved" for run in query_runs])
-            for _, query_runs in by_query(group)
+            for _, query_runs in group_by_query(group)
         ]
         success = compute_wilson_interval(float(np.mean(shares)), len(shares))
         columns = zip(MEASURES, tabulate_measures(solved).T, strict=True)
         measures = {name: compute_quartiles(column) for name, column in columns}
         planner_summaries.append(
-            Summary(setting, planner, len(group), len(solved), success, measures)
+            PlannerSummary(setting, planner, len(group), len(solved), success, measures)
         )
     return planner_summaries
 
 
-def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[RunSetting, str], list[Run]]:
-    """The runs by setting and planner."""
+def group_by_planner(
+    runs: Iterable[PlannerRun], pooled: bool
+) -> dict[tuple[RunSetting, str], list[PlannerRun]]:
+    """Return the runs grouped by setting and planner."""
     return group_records(runs, lambda run: (setting_from_run(run, pooled), run.task.planner))
 
 
-def setting_from_run(run: Run, pooled: bool = False) -> RunSetting:
-    """The setting of a run; with `pooled` it is that of all maps together."""
+def setting_from_run(run: PlannerRun, pooled: bool = False) -> RunSetting:
+    """Return the setting of a run; if `pooled`, without its map."""
     return RunSetting(None if pooled else run.task.map, run.task.config, run.task.weight)
 
 
-Query = tuple[RunSetting, str]
+QueryKey = tuple[RunSetting, str]
 
 
-def query_from_run(run: Run) -> Query:
-    """The setting and the query of a run."""
+def query_from_run(run: PlannerRun) -> QueryKey:
+    """Return the setting and the query of a run."""
     return setting_from_run(run), run.task.query
 
 
-def tabulate_measures(runs: Sequence[Run]) -> Array:
-    """The measures of some runs, a row each, in the order of `MEASURES`; NaN if not finite."""
+def tabulate_measures(runs: Sequence[PlannerRun]) -> Array:
+    """Return the measures of runs, a row each, in the order of `MEASURES`; NaN if not finite."""
     rows = [[run.measure(name) for name in MEASURES] for run in runs]
     values = np.array(rows, float).reshape(-1, len(MEASURES))
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]:
-    """The runs of each query, with its map and name."""
+def group_by_query(
+    runs: Iterable[PlannerRun],
+) -> Iterable[tuple[tuple[str, str], list[PlannerRun]]]:
+    """Return the runs of each query, with the map and name of the query."""
     return group_records(runs, lambda run: (run.task.map, run.task.query)).items()
 
 
 def compute_quartiles(values: Array) -> Quartiles:
-    """Median and quartiles of the known values."""
+    """Return median and quartiles of the values that are not NaN."""
     finite_values = values[~np.isnan(values)]
     if not finite_values.size:
         return Quartiles()
@@ -255,8 +263,8 @@ def compute_quartiles(values: Array) -> Quartiles:
     return Quartiles(median, lower, upper, finite_values.size)
 
 
-def compute_median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
-    """The median J over seeds by query and planner [m]; none of a query without a path."""
+def compute_median_costs(runs: Iterable[PlannerRun]) -> dict[tuple[QueryKey, str], float]:
+    """Return the median J over seeds by query and planner [m], for queries with a path."""
     solved = (run for run in runs if math.isfinite(run.measure("cost")))
     groups = group_records(solved, lambda run: (query_from_run(run), run.task.planner))
     return {
@@ -265,8 +273,8 @@ def compute_median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
     }
 
 
-def best_so_far(run: Run) -> list[tuple[float, float]]:
-    """Every moment [s] with the best J until then [m]; the path returned is the last."""
+def list_best_costs(run: PlannerRun) -> list[tuple[float, float]]:
+    """Return times [s] with the best J so far [m]; the last entry is the returned path."""
     points = [(time, cost) for time, cost in run.history if np.isfinite((time, cost)).all()]
     end = run.seconds, run.measures.get("cost", np.nan)
     if run.status == "solved" and np.isfinite(end).all():
@@ -276,7 +284,7 @@ def best_so_far(run: Run) -> list[tuple[float, float]]:
 
 
 MIN_QUERIES = 5
-"""Number of queries with which 95 % intervals held the truth in 80-95 % of trials."""
+"""Minimum number of queries; from here on, 95 % intervals covered 80-95 % of simulated truths."""
 
 
 @dataclass(frozen=True)
@@ -294,20 +302,20 @@ class PlannerContrast:
     measure: str
     """Name of the measure, one of `MEASURES`."""
     kind: str
-    """Kind of the comparison, "ratio", "ratio of sums" or "difference", which is the planner's over
-    or minus the baseline's; ratios have no unit, a difference has the measure's."""
+    """Kind of the comparison: "ratio" or "ratio of sums" (planner / baseline), or "difference"
+    (planner - baseline, in the measure's unit)."""
     estimate: Interval
     """The ratio or difference with its 95 % interval."""
-    ours: Quartiles
-    """Median and quartiles of the planner's measure over these queries, each by its median over
-    seeds."""
-    theirs: Quartiles
+    planner_quartiles: Quartiles
+    """Median and quartiles of the planner's measure over these queries; the value of a query is its
+    median over seeds."""
+    baseline_quartiles: Quartiles
     """The same of the baseline's measure."""
 
     @property
     def pairs(self) -> int:
         """Number of queries that both planners solved."""
-        return self.ours.known
+        return self.planner_quartiles.n_values
 
     @property
     def is_sure(self) -> bool:
@@ -320,17 +328,17 @@ class PlannerContrast:
         if self.planner == self.baseline:
             return ""
         if not self.pairs:
-            return f"no query that {self.baseline} and it both solve"
+            return f"solves no query that {self.baseline} solves"
         if self.pairs < MIN_QUERIES:
-            return f"too few queries to tell ({self.pairs} of {MIN_QUERIES})"
+            return f"too few queries for a verdict ({self.pairs} of {MIN_QUERIES})"
         if np.isnan(self.estimate.value):
             return f"{self.baseline} has none of it"
         if not np.isfinite(self.estimate).all():
-            return f"too few queries to tell ({self.pairs})"
+            return f"too few queries for a verdict ({self.pairs})"
         value, low, high = self.estimate
         equal, unit = (0.0, "percentage points") if self.kind == DIFFERENCE else (1.0, "%")
-        if low <= equal + 1e-6 and high >= equal - 1e-6:  # but for rounding it holds equality
-            change = self._per_cent(low - equal, high - equal)
+        if low <= equal + 1e-6 and high >= equal - 1e-6:  # contains equality, up to rounding
+            change = self._format_percent_interval(low - equal, high - equal)
             return f"no significant difference from {self.baseline} {change} {unit}"
         if self.kind != DIFFERENCE and value >= 2:
             bounds = f"[{low:.3g}, {high:.3g}]"
@@ -338,25 +346,25 @@ class PlannerContrast:
         ends = (equal - high, equal - low) if value < equal else (low - equal, high - equal)
         word = COMPARED[self.measure][1 + (value > equal)]
         size = f"{100 * abs(value - equal):.3g} {unit} {word}"
-        return f"{size} than {self.baseline} {self._per_cent(*ends)}"
+        return f"{size} than {self.baseline} {self._format_percent_interval(*ends)}"
 
     @staticmethod
-    def _per_cent(low: float, high: float) -> str:
+    def _format_percent_interval(low: float, high: float) -> str:
         return f"[{100 * low + 0.0:.3g}, {100 * high + 0.0:.3g}]"
 
 
 def compute_contrasts(
-    runs: Iterable[Run], baseline: str, pooled: bool = False
+    runs: Iterable[PlannerRun], baseline: str, pooled: bool = False
 ) -> list[PlannerContrast]:
-    """Every planner and measure compared with the baseline's on the same queries.
+    """Compare every planner's measures with the baseline's on the same queries.
 
-    `pooled` takes all maps together, each query alike, with the maps as strata. Intervals are
-    Student's t of the jackknife's pseudo-values (B. Efron, "The Jackknife, the Bootstrap and Other
-    Resampling Plans", SIAM 1982, ch. 3); for geometric means those are the logarithms of the
-    ratios. On simulated pairs they held lognormal ratios more often than percentile and BCa
-    bootstraps did (10 queries: 95 %, bootstraps 90 %), and take no random numbers. Where 30 % of
-    the queries take another way all three fall short (10 queries: 89 %; BCa 91 %). Each interval
-    stands for one comparison: of many, one in twenty misses.
+    `pooled` combines all maps, with equal weight for each query and the maps as strata. Intervals
+    are Student's t intervals of the jackknife's pseudo-values (B. Efron, "The Jackknife, the
+    Bootstrap and Other Resampling Plans", SIAM 1982, ch. 3); for geometric means these are the
+    logarithms of the ratios. In simulations they covered lognormal ratios more often than
+    percentile and BCa bootstraps (10 queries: 95 %, bootstraps 90 %), and they need no random
+    numbers. If 30 % of the queries take a different path, the coverage of all three is too low (10
+    queries: 89 %, BCa 91 %). Each interval is for one comparison: of many, one in twenty misses.
     """
     medians = compute_query_medians(runs, pooled)
     planners = sorted({planner for _, planner in medians})
@@ -376,7 +384,7 @@ def compute_contrasts(
                 is_comparable &= (planner_values > 0) & (baseline_values > 0)
             compared_values = planner_values[is_comparable], baseline_values[is_comparable]
             estimate, middles = (
-                _estimate(kind, *compared_values, maps[is_comparable]),
+                _estimate_contrast(kind, *compared_values, maps[is_comparable]),
                 map(compute_quartiles, compared_values),
             )
             planner_contrasts.append(
@@ -390,45 +398,47 @@ Medians = dict[tuple[str, str], Array]
 
 
 def compute_query_medians(
-    runs: Iterable[Run], pooled: bool = False
+    runs: Iterable[PlannerRun], pooled: bool = False
 ) -> dict[tuple[RunSetting, str], Medians]:
-    """The medians over seeds of the solved runs of each query, by setting and planner."""
+    """Return the medians over seeds of solved runs by setting and planner, then by query."""
     return {
         key: {
-            query: _columnwise_median(tabulate_measures(query_runs))
-            for query, query_runs in by_query(run for run in group if run.status == "solved")
+            query: _compute_column_medians(tabulate_measures(query_runs))
+            for query, query_runs in group_by_query(run for run in group if run.status == "solved")
         }
-        for key, group in by_planner(runs, pooled).items()
+        for key, group in group_by_planner(runs, pooled).items()
     }
 
 
-def _columnwise_median(values: Array) -> Array:
-    """The median of the known values of each column."""
+def _compute_column_medians(values: Array) -> Array:
+    """Return the median of each column, ignoring NaN."""
     columns = [column[~np.isnan(column)] for column in values.T]
     return np.array(
         [np.median(finite_values) if finite_values.size else np.nan for finite_values in columns]
     )
 
 
-def _estimate(
+def _estimate_contrast(
     kind: str, planner_values: Array, baseline_values: Array, maps: NDArray[np.intp]
 ) -> Interval:
-    """The estimate with Student's interval, the maps as strata."""
-    if not planner_values.size or (kind == SUMS and not baseline_values.any()):
+    """Return the estimate with Student's t interval, with the maps as strata."""
+    if not planner_values.size or (kind == RATIO_OF_SUMS and not baseline_values.any()):
         return Interval(np.nan, np.nan, np.nan)
-    values = _pseudo_values(kind, planner_values, baseline_values)
-    middle = planner_values.sum() / baseline_values.sum() if kind == SUMS else values.mean()
-    half = _half_width(values, maps)
+    values = _compute_pseudo_values(kind, planner_values, baseline_values)
+    middle = (
+        planner_values.sum() / baseline_values.sum() if kind == RATIO_OF_SUMS else values.mean()
+    )
+    half = _compute_half_width(values, maps)
     low, high = middle - half, middle + half
     if kind == RATIO:
         middle, low, high = np.exp((middle, low, high))
-    if kind == SUMS:
+    if kind == RATIO_OF_SUMS:
         low = np.maximum(low, 0.0)
     return Interval(float(middle), float(low), float(high))
 
 
-def _pseudo_values(kind: str, planner_values: Array, baseline_values: Array) -> Array:
-    """The jackknife's value of each query: n times the whole less n - 1 times the rest."""
+def _compute_pseudo_values(kind: str, planner_values: Array, baseline_values: Array) -> Array:
+    """Return the jackknife's pseudo-value of each query: n * whole - (n - 1) * rest."""
     if kind == RATIO:
         return np.log(planner_values / baseline_values)
     if kind == DIFFERENCE:
@@ -443,8 +453,8 @@ def _pseudo_values(kind: str, planner_values: Array, baseline_values: Array) -> 
     )
 
 
-def _half_width(values: Array, maps: NDArray[np.intp]) -> float:
-    """Half the width of the mean's interval; the variance within maps is taken as equal in all."""
+def _compute_half_width(values: Array, maps: NDArray[np.intp]) -> float:
+    """Return half the width of the mean's interval, with equal variances within all maps."""
     counts = np.bincount(maps)
     freedom = len(values) - np.count_nonzero(counts)
     if not freedom or not np.isfinite(values).all():

@@ -1,12 +1,12 @@
 """Worker processes: a planner that crashes, hangs or takes all memory costs one run.
 
-Why not pebble.ProcessPool, tried in version 5.2: spawned and forkserver workers import a script
-again, and fail if it has no ``if __name__ == "__main__"``. Forks die if numba's OpenMP threads have
-run in the caller. Processes that a planner has started outlive it. A planner that hangs in native
-code holds up the pool for three seconds.
+pebble.ProcessPool 5.2 does not suffice. Its spawned and forkserver workers import a script again,
+and fail without ``if __name__ == "__main__"``. Its forks die if numba's OpenMP threads have run in
+the caller. Processes that a planner has started survive. A planner that hangs in native code blocks
+the pool for three seconds.
 
-Workers are new interpreters that read orders from their standard input and write runs to what was
-their standard output, on any system. Functions that cannot be imported are sent by value.
+Workers are new interpreters. They read jobs from their standard input and write runs to their
+original standard output. Functions that cannot be imported are sent by value.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from typing import IO, Any
 from locplan._support.checks import get_usable_memory
 from locplan._support.supervision import end_with_parent
 from locplan.comparison.planners import PlannerSpec
-from locplan.comparison.runs import Job, forbid_core_files, perform_job
-from locplan.comparison.statistics import Run
+from locplan.comparison.runs import PlannerJob, forbid_core_files, perform_job
+from locplan.comparison.statistics import PlannerRun
 from locplan.errors import LocplanError
 
 LOADING_LIMIT = 600.0
-"""Time that a worker has to load the planners [s]; the very first one compiles kernels."""
+"""Time limit for a worker to load the planners [s]; the first one compiles kernels."""
 
 
 class Workers:
-    """Processes that run planners; a context manager that ends them all.
+    """A pool of processes that run planners; as a context manager it ends them all.
 
-    At most `count` processes run at once; `memory` [bytes] and `patience` [s] are those of
-    `Execution`. The folder `scratch` takes the temporary files of planners, which processes that
-    are killed leave behind.
+    At most `count` processes run at once. `Execution` describes `memory` [bytes] and `patience`
+    [s]. The folder `scratch` is for temporary files of planners, since killed processes leave
+    theirs behind.
     """
 
     def __init__(
@@ -56,21 +56,21 @@ class Workers:
     ) -> None:
         limits = (spec.time_limit for spec in planners)
         self._limits = [patience if limit is None else 2 * limit + 10.0 for limit in limits]
-        # A fair share by default, so that the machine has some left.
+        # By default a fair share, so that some memory remains.
         memory = get_usable_memory() / count if memory is None else memory
-        self._greeting = pickle.dumps((memory, _pickle_planners(planners)))
+        self._setup_message = pickle.dumps((memory, _pickle_planners(planners)))
         self._scratch = scratch
-        self._orders: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self._results: queue.SimpleQueue[Run | Exception] = queue.SimpleQueue()
-        self._processes: dict[int, _Process] = {}
+        self._jobs: queue.SimpleQueue[PlannerJob | None] = queue.SimpleQueue()
+        self._results: queue.SimpleQueue[PlannerRun | Exception] = queue.SimpleQueue()
+        self._processes: dict[int, _WorkerProcess] = {}
         self._threads = [
-            threading.Thread(target=self._serve, args=[place], daemon=True)
+            threading.Thread(target=self._serve_jobs, args=[place], daemon=True)
             for place in range(count)
         ]
         self._lock, self._is_closed = threading.Lock(), False
 
     def __enter__(self) -> Workers:
-        for thread in self._threads:  # the processes load meanwhile
+        for thread in self._threads:  # the processes load in the background
             thread.start()
         return self
 
@@ -80,15 +80,15 @@ class Workers:
         for process in self._processes.values():
             process.end()
         for _ in self._threads:
-            self._orders.put(None)
+            self._jobs.put(None)
         for thread in self._threads:
             thread.join(1.0)
 
-    def run(self, orders: Sequence[Job]) -> Iterator[Run]:
-        """Start the runs in this order as workers become free, and yield each when it is done."""
-        for order in orders:
-            self._orders.put(order)
-        runs_left = len(orders)
+    def perform_jobs(self, jobs: Sequence[PlannerJob]) -> Iterator[PlannerRun]:
+        """Perform jobs in this job as workers become free, and yield each run when it completes."""
+        for job in jobs:
+            self._jobs.put(job)
+        runs_left = len(jobs)
         while runs_left:
             with suppress(queue.Empty):
                 result = self._results.get(timeout=0.2)
@@ -99,47 +99,47 @@ class Workers:
             for process in list(self._processes.values()):
                 process.end_if_due()
 
-    def _serve(self, place: int) -> None:
-        """Pass orders to a process, and replace it when it has ended."""
+    def _serve_jobs(self, place: int) -> None:
+        """Pass jobs to a process, and replace the process after it has ended."""
         try:
             process = self._start(place)
-            for order in iter(self._orders.get, None):
+            for job in iter(self._jobs.get, None):
                 if not process.is_alive:
                     process = self._start(place)
-                self._results.put(process.perform(order, self._limits[order.planner]))
+                self._results.put(process.run_job(job, self._limits[job.planner]))
         except Exception as error:
             self._results.put(error)
         finally:
             if place in self._processes:
                 self._processes[place].close()
 
-    def _start(self, place: int) -> _Process:
-        """Return a new process that has loaded the planners."""
+    def _start(self, place: int) -> _WorkerProcess:
+        """Return a new process with the planners loaded."""
         for _ in range(3):
             if place in self._processes:
                 self._processes[place].close()
             with self._lock:
                 if self._is_closed:
                     raise LocplanError("the comparison has ended")
-                self._processes[place] = process = _Process(self._scratch)
-            fault = process.ask(self._greeting, LOADING_LIMIT)
+                self._processes[place] = process = _WorkerProcess(self._scratch)
+            fault = process.request_answer(self._setup_message, LOADING_LIMIT)
             if fault == "":
                 return process
             if fault:
                 raise LocplanError(f"a planner cannot be used in a worker process: {fault}")
         raise LocplanError(
-            "worker processes end before they are ready; the reason is on standard error"
+            "worker processes end before they are ready; see the reason on standard error"
         )
 
 
-class _Process:
+class _WorkerProcess:
     """A process that loads the planners, and then runs one at a time."""
 
     def __init__(self, scratch: Path) -> None:
         program = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import run_worker"
         threads = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"
         folders = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch))
-        # In a session or group of its own Ctrl-C reaches only the caller.
+        # A separate session or group, so that Ctrl-C reaches only the caller.
         self._process = subprocess.Popen(
             [sys.executable, "-c", f"{program}; run_worker({os.getpid()})"],
             stdin=subprocess.PIPE,
@@ -159,47 +159,47 @@ class _Process:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the process has not ended."""
+        """True if the process has not ended."""
         return self._process.poll() is None
 
-    def ask(self, message: bytes, limit: float) -> Any:
-        """Return the answer to a pickled message; None if the process ends before.
+    def request_answer(self, message: bytes, limit: float) -> Any:
+        """Return the answer to a pickled message; None if the process ends first.
 
         `end_if_due` ends it after the limit [s].
         """
-        orders, answers = self._pipes
+        jobs, answers = self._pipes
         self._deadline = time.perf_counter() + limit
         try:
-            orders.write(message)
-            orders.flush()
+            jobs.write(message)
+            jobs.flush()
             return pickle.load(answers)
         except (EOFError, OSError, ValueError, pickle.UnpicklingError):
             return None
         finally:
             self._deadline = math.inf
 
-    def perform(self, order: Job, limit: float) -> Run:
-        """Return the run of an order, which may take up to the limit [s]."""
+    def run_job(self, job: PlannerJob, limit: float) -> PlannerRun:
+        """Return the run of a job, which may take up to the limit [s]."""
         began = time.perf_counter()
-        run: Run | None = self.ask(pickle.dumps(order), limit)
+        run: PlannerRun | None = self.request_answer(pickle.dumps(job), limit)
         wall = time.perf_counter() - began
         if run is None:
-            status, note = self._failure(limit)
-            run = Run(order.task, status, wall, wall, note=note)
+            status, note = self._describe_failure(limit)
+            run = PlannerRun(job.task, status, wall, wall, note=note)
         if run.is_aborted:
-            self.end()  # nobody knows how much memory one has left that ran out of it
+            self.end()  # after it ran out of memory, the remaining memory is unknown
         return dataclasses.replace(run, wall_seconds=wall)
 
     def end_if_due(self) -> None:
-        """End a process that is beyond its limit, and what is left of one that has ended."""
+        """End a process that has exceeded its limit, and the children of an ended process."""
         if self.is_alive and time.perf_counter() > self._deadline:
             self._is_overdue = True
         if self._is_overdue or not self.is_alive:
             self.end()
 
     def end(self) -> None:
-        """Kill the process, with all processes that it has started."""
-        if not self._has_been_killed:  # its number may be another's afterwards
+        """Kill the process and all processes that it has started."""
+        if not self._has_been_killed:  # afterwards the system may reuse its id
             self._has_been_killed = True
             if sys.platform == "win32":
                 tree = ["taskkill", "/F", "/T", "/PID", str(self._process.pid)]
@@ -210,14 +210,14 @@ class _Process:
         self._process.wait()
 
     def close(self) -> None:
-        """End the process, and close the pipes; nobody may wait for an answer."""
+        """End the process and close its pipes; no thread may be waiting for an answer."""
         self.end()
         for pipe in self._pipes:
-            with suppress(OSError):  # it holds what the process did not read
+            with suppress(OSError):  # closing flushes data that the process did not read
                 pipe.close()
 
-    def _failure(self, limit: float) -> tuple[str, str]:
-        """Return status and note of a run that has no answer."""
+    def _describe_failure(self, limit: float) -> tuple[str, str]:
+        """Return status and note of a run without an answer."""
         if self._is_overdue:
             return "hung", f"gave no answer within {limit:g} s and was ended"
         try:
@@ -226,16 +226,16 @@ class _Process:
             return "crashed", "its process closed the connection"
         if code >= 0:
             return "crashed", f"its process ended with exit code {code}"
-        doubt = ", from outside or for want of memory" if -code == signal.SIGKILL else ""
+        doubt = ", from outside or for lack of memory" if -code == signal.SIGKILL else ""
         return "crashed", f"its process was ended by {signal.Signals(-code).name}{doubt}"
 
 
 def _pickle_planners(planners: Sequence[PlannerSpec]) -> bytes:
-    """Return the planners as they are sent to workers."""
+    """Return the pickled planners for workers."""
     remedy = "put it into a module"
     try:
         from cloudpickle import dumps
-    except ModuleNotFoundError:  # then all are locplan's, see `specs_of`
+    except ModuleNotFoundError:  # then all planners are locplan's, see `make_specs`
         from pickle import dumps
 
         remedy = "pip install 'locplan[functions]'"
@@ -248,13 +248,13 @@ def _pickle_planners(planners: Sequence[PlannerSpec]) -> bytes:
 
 
 def run_worker(parent: int) -> None:
-    """Carry out the orders that come from standard input, until it is closed.
+    """Perform the jobs from standard input until it is closed.
 
-    The first message is the memory of a run [bytes] and the planners; the answer is empty, or the
-    reason why they cannot be used. The answer to an order is its run.
+    The first message has the memory limit of a run [bytes] and the planners; the answer is empty,
+    or the reason why the planners cannot be used. The answer to a job is its run.
     """
-    orders, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    # A planner reads nothing, and the caller's output has nothing that a planner prints.
+    jobs, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    # A planner cannot read standard input, and its prints do not reach the caller's output.
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
     import cv2
@@ -262,21 +262,21 @@ def run_worker(parent: int) -> None:
     cv2.setNumThreads(1)  # a run is timed on one core
     end_with_parent(parent)
     forbid_core_files()
-    with suppress(EOFError, OSError):  # the caller has closed its end
-        memory, pickled = pickle.load(orders)
+    with suppress(EOFError, OSError):  # the caller has closed the pipe
+        memory, pickled = pickle.load(jobs)
         try:
             planners: list[PlannerSpec] = pickle.loads(pickled)
             for spec in planners:
                 spec.planner.prepare()
         except Exception as error:
-            _answer(answers, f"{type(error).__name__}: {error}")
+            _send_answer(answers, f"{type(error).__name__}: {error}")
             return
-        _answer(answers, "")
+        _send_answer(answers, "")
         while True:
-            order = pickle.load(orders)
-            _answer(answers, perform_job(planners[order.planner], order, memory))
+            job = pickle.load(jobs)
+            _send_answer(answers, perform_job(planners[job.planner], job, memory))
 
 
-def _answer(stream: Any, answer: Any) -> None:
+def _send_answer(stream: Any, answer: Any) -> None:
     pickle.dump(answer, stream)
     stream.flush()

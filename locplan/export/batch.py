@@ -1,4 +1,4 @@
-"""Fields of many maps, one after the other."""
+"""Jobs that compute and write the fields of many maps."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ PURPOSES = {f"*{FIELD_SUFFIX}": "the field, for --field", "*": "the picture"}
 
 @dataclass(frozen=True)
 class FieldJob:
-    """A map, and the file that is written of its field."""
+    """A map, and the file that its field or picture is written to."""
 
     map_file: Path
     """The map's file."""
     output: Path | None = None
-    """File of the field (.npz) or of a picture of it (.png, .pdf, .svg); None for none."""
+    """File of the field (.npz) or of its picture (.png, .pdf, .svg); None to write no file."""
     scalar: str | None = None
-    """Scalar that a picture shows; by default what degeneracy is made of."""
+    """Scalar that a picture shows; by default the one that the degeneracy is based on."""
     folder: Output | None = None
-    """The folder of the files of several maps; None if the user named the file."""
+    """The folder for the files of several maps; None if the user named the file."""
     force: bool = False
     """True overwrites files of the same names."""
 
@@ -53,36 +53,36 @@ class FieldJob:
         if self.folder:
             return self.folder.check()
         check_target(self.output, *([] if self.scalar else [FIELD_SUFFIX]), *PICTURES)
-        self._output(self.output).check()
+        self._make_output(self.output).check()
 
-    def _output(self, file: Path) -> Output:
+    def _make_output(self, file: Path) -> Output:
         return Output(file, "field", self.force, is_file=True, purposes=PURPOSES)
 
     def run(
         self, compute: Callable[[OccupancyGrid], CovarianceField], folder: Path | None = None
     ) -> CovarianceField:
-        """Load the map, compute its field, and write the file that is asked for.
+        """Load the map, compute its field, and write the file.
 
         Parameters
         ----------
         compute : callable
             Computes the field of a map.
         folder : Path, optional
-            The temporary folder of the files of several maps.
+            The temporary folder for the files of several maps.
         """
         computed = compute(load_map(self.map_file))
         if self.output:
-            single_output = self._output(self.output)
+            single_output = self._make_output(self.output)
             with (
                 show_spinner(f"writing {self.output.name}"),
                 nullcontext(folder / self.output.name)
                 if folder
                 else single_output.writing() as file,
             ):
-                self._write(file, computed)
+                self._write_file(file, computed)
         return computed
 
-    def _write(self, file: Path, computed: CovarianceField) -> None:
+    def _write_file(self, file: Path, computed: CovarianceField) -> None:
         if file.suffix.lower() == FIELD_SUFFIX:
             write_field_file(file, computed)
         else:
@@ -92,7 +92,7 @@ class FieldJob:
             save_figure(field_figure(computed, self.scalar), file)
 
 
-def field_jobs(
+def make_field_jobs(
     maps: Sequence[Path],
     output: Path | None,
     scalar: str | None,
@@ -100,20 +100,19 @@ def field_jobs(
     *,
     force: bool = False,
 ) -> list[FieldJob]:
-    """One job for each map file that is named or lies in a folder that is named.
+    """Return a job for each map file, given directly or inside a folder.
 
-    For a single map `output` is a file; for several it is a folder, with a file by the name of
-    each map.
+    For a single map, `output` is a file. For several maps it is a folder with one file per map.
 
     Parameters
     ----------
     maps : sequence of Path
         Map files, and folders of them.
     output : Path or None
-        Where fields or pictures go; None for none.
+        File or folder of the fields or pictures; None to write none.
     scalar : str or None
-        Scalar of the pictures, if pictures are to be written of several maps; of a single map the
-        suffix of `output` says so, too.
+        Scalar of the pictures. If it is set, several maps get pictures instead of fields; for a
+        single map the suffix of `output` decides.
     config : FieldConfig
         Settings of the fields.
     force : bool, default False
@@ -127,7 +126,7 @@ def field_jobs(
     Raises
     ------
     LocplanError
-        If a file cannot be written, the fields have no such scalar, or two maps have one name.
+        If a file cannot be written, the fields lack the scalar, or two maps have the same name.
     """
     if scalar:
         check_choice(
@@ -143,16 +142,18 @@ def field_jobs(
         jobs[0].check()
         return jobs
     if output.suffix in (FIELD_SUFFIX, *PICTURES):
-        raise LocplanError(f"{output}: of {len(files)} maps; name a folder, for a file each")
-    homes: dict[str, Path] = {}
+        raise LocplanError(f"{output}: is one file for {len(files)} maps; name a folder")
+    files_by_name: dict[str, Path] = {}
     for file in files:
-        other = homes.setdefault(map_name_from_file(file), file)
+        other = files_by_name.setdefault(map_name_from_file(file), file)
         if other != file:
-            raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
+            raise LocplanError(
+                f"{other} and {file} have the same name; rename one, or run them separately"
+            )
     suffix = ".png" if scalar else FIELD_SUFFIX
     folder, targets = (
         Output(output, "fields", force, purposes=PURPOSES),
-        [f"{name}{suffix}" for name in homes],
+        [f"{name}{suffix}" for name in files_by_name],
     )
     folder.check(*targets)
     return [
@@ -168,14 +169,14 @@ class FieldRun:
     file: Path
     """The map's file."""
     summary: FieldSummary | None
-    """The field in a few numbers; None if the job failed."""
+    """Summary of the field; None if the job failed."""
     error: str | None
     """The reason why the job failed, or None."""
     seconds: float
     """Time that the job took [s]."""
 
     def to_json(self) -> dict[str, Any]:
-        """The run, fit for JSON."""
+        """Return the result as plain data for JSON."""
         summary_values = (
             to_plain_data(self.summary) if self.summary else {"map": map_name_from_file(self.file)}
         )
@@ -186,7 +187,7 @@ class FieldRun:
 def run_field_jobs(
     jobs: Sequence[FieldJob], compute: Callable[[OccupancyGrid], CovarianceField]
 ) -> Iterator[FieldRun]:
-    """Run each job, and yield its result or the reason of its failure; write all files at the end.
+    """Run each job and yield its result or error; write all files at the end.
 
     Parameters
     ----------
@@ -198,7 +199,7 @@ def run_field_jobs(
     Returns
     -------
     iterator of FieldRun
-        The result of each job, when it is there.
+        The result of each job as soon as it is complete.
     """
     output = next((job.folder for job in jobs if job.folder), None)
     with output.writing() if output else nullcontext() as folder:
@@ -214,8 +215,8 @@ def run_field_jobs(
             yield FieldRun(job.map_file, summary, reason, time.perf_counter() - started)
 
 
-def field_runs_table(runs: Sequence[FieldRun]) -> str:
-    """The summaries of many fields, one a row, and below them the reasons why some failed.
+def format_field_runs(runs: Sequence[FieldRun]) -> str:
+    """Return a table with a row per field, followed by the errors of failed jobs.
 
     Parameters
     ----------

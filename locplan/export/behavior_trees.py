@@ -1,4 +1,4 @@
-"""What makes Nav2 plan with the planner of an export: a robot's own behaviour tree, edited."""
+"""Edits of a robot's behaviour tree that select the planner of an export."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from locplan.robots.parameters import Nav2Parameters
 SMOOTHER = "simple_smoother"
 
 
-def edit_tree(path: str | Path, planner_name: str, *, smooth: bool) -> str:
-    """The text of a behaviour tree of Nav2 that plans with the planner that is called so.
+def edit_behavior_tree(path: str | Path, planner_name: str, *, smooth: bool) -> str:
+    """Return the text of a behaviour tree, edited to plan with the named planner.
 
     Parameters
     ----------
     path : path
-        The tree's file; all else in it stays.
+        The tree's file; the rest of it stays unchanged.
     planner_name : str
         Name of the planner.
     smooth : bool
-        Whether its paths are smoothed.
+        Whether the tree smooths the paths.
 
     Raises
     ------
     LocplanError
-        If the file cannot be read, or computes no path.
+        If the file cannot be read, or the tree computes no path.
     """
     text = read_text(Path(path), 2**20)
-    # A name between braces is that of a selector's choice, where the tree has one.
+    # With a PlannerSelector, a name between braces is the variable that holds its selection.
     selector_guard = r"(?!\{)" if "<PlannerSelector" in text else ""
     planner_id_pattern = rf"planner_id=([\"']){selector_guard}.*?\1"
 
@@ -52,22 +52,22 @@ def edit_tree(path: str | Path, planner_name: str, *, smooth: bool) -> str:
     if not count:
         raise LocplanError(
             f"{path}: has no ComputePathToPose or ComputePathThroughPoses; give the behaviour tree"
-            " by which the robot navigates"
+            " that the robot navigates with"
         )
     selected = r"(<PlannerSelector\b[^>]*\bdefault_planner=)([\"']).*?\2"
     return re.sub(selected, rf'\g<1>"{planner_name}"', edited_text)
 
 
-def merge_tree(
+def add_behavior_tree(
     robot: Nav2Robot, merged: Nav2Parameters, planner_name: str, planner: NavPlanner, folder: Path
 ) -> tuple[Nav2Parameters, str | None]:
-    """Parameters by which Nav2 takes a robot's tree from a folder, and the tree; None without one.
+    """Return parameters that select the edited tree in a folder, and its text; None without a tree.
 
-    Paths at any angle are smoothed, by a smoother as nav2_bringup has it where none is called so.
+    Any-angle paths are smoothed. If the robot lacks the smoother, nav2_bringup's is added.
     """
     if robot.tree is None:
         return merged, None
-    text = edit_tree(robot.tree, planner_name, smooth=planner.any_angle)
+    text = edit_behavior_tree(robot.tree, planner_name, smooth=planner.any_angle)
     file = str(folder.resolve() / "tree.xml")
     kinds = {"ToPose": "to_pose", "ThroughPoses": "through_poses"}
     tree_parameters = {

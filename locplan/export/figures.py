@@ -43,21 +43,20 @@ def values_figure(
     falling: bool = False,
     zones: Zones | None = None,
 ) -> Figure:
-    """A figure of the values of a mask over its map.
+    """Draw the values of a mask over its map.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     values : (H, W) array of int
-        The values 0..100, or -1 where there is none.
+        The values 0..100, or -1 for no value.
     label : str
         Label of the values, with their unit.
     title : str
         Title of the figure.
     falling : bool, default False
-        Whether the scale names what is left of 100, such as the speed of which the values say how
-        much is given up.
+        Whether the colour bar shows 100 minus the value, such as the remaining speed.
     zones : Zones, optional
         The zones to draw.
     """
@@ -83,12 +82,12 @@ def values_figure(
 
 
 def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
-    """A figure of a route graph over its map, the edges coloured by their cost per metre.
+    """Draw a route graph over its map, with the edges coloured by their cost per metre.
 
     Parameters
     ----------
     costs : Costmap
-        The costmap that the graph was made of.
+        The costmap of the graph.
     graph : RouteGraph
         The graph.
     title : str
@@ -101,10 +100,10 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     order = np.argsort(per_metre, kind="stable")  # the costliest on top
     order = order[graph.length[order] > 0]
     width, _ = compute_figure_size(costs.grid)
-    # An edge is as wide as a share of the median length, both as drawn; nodes are twice as wide.
+    # The width of edges is a share of their median length in the figure; nodes are twice as wide.
     scale = 72 * width / np.ptp(axes.get_xlim())
     line_width = 0.07 * scale * np.median(graph.length) if len(order) else 0.0
-    # The costly ones dark, and none so pale that it is lost on white.
+    # Costly edges are dark, and none is too pale to see on white.
     lines = LineCollection(
         list(graph.nodes[graph.edges[order]]),
         array=per_metre[order],
@@ -118,6 +117,6 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
         figure.key(handles, ncols=3)
     size = np.clip(2 * line_width, 0.8, 3.6)
     axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
-    figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)
+    figure.colorbar(lines, ax=axes, label="cost per metre of the edge", shrink=0.9)
     axes.set_title(f"{title}{format_costs_caption(costs)}", fontsize="medium")
     return figure

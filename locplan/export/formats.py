@@ -1,4 +1,4 @@
-"""The formats of exports with their options, which check themselves before long work."""
+"""Export formats with their options, which are checked before any long computation."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Literal
 from locplan._support.checks import check_number
 from locplan.errors import ConfigError
 from locplan.export.registry import (
-    LEAD,
-    SLOWEST,
+    DEFAULT_LEAD,
+    DEFAULT_SLOWEST,
+    DistroOptions,
+    ExportFormat,
     ExportJob,
+    ExportOptions,
     ExportSummary,
-    Format,
-    InDistro,
-    InFrame,
-    NoOptions,
-    option,
+    FrameOptions,
+    option_field,
 )
 from locplan.robots.parameters import read_parameters
 
@@ -26,10 +26,10 @@ NavPlannerName = Literal["smac2d", "smac-hybrid", "navfn", "thetastar"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class MaskOptions(NoOptions):
-    """The planner whose costs a mask makes J."""
+class MaskOptions(ExportOptions):
+    """Options of the Nav2 planner that follows a mask."""
 
-    planner: NavPlannerName | None = option(None, flag="nav2-planner")
+    planner: NavPlannerName | None = option_field(None, flag="nav2-planner")
     """Planner of Nav2 whose costs become J. By default the first in --robot that follows masks,
     otherwise smac2d up to a million cells and thetastar on larger maps."""
     planner_param: float | None = None
@@ -45,11 +45,11 @@ class MaskOptions(NoOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Nav2Options(InDistro):
-    """The robot's own Nav2."""
+class Nav2Options(DistroOptions):
+    """Options of the robot's Nav2: its distribution and its parameter files."""
 
     params: tuple[Path, ...] = ()
-    """Parameter files of Nav2, into a copy of which ours are merged."""
+    """Nav2 parameter files. The export merges its parameters into a copy."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -57,18 +57,18 @@ class Nav2Options(InDistro):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChargedOptions(MaskOptions, Nav2Options):
-    """The options of masks that a planner's costs are made of."""
+class KeepoutOptions(MaskOptions, Nav2Options):
+    """Options of a keepout mask."""
 
-    tree: Path | None = option(None, metavar="XML")
+    tree: Path | None = option_field(None, metavar="XML")
     """Behaviour tree to copy with the mask's planner."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedOptions(Nav2Options):
-    """The options of a speed mask."""
+    """Options of a speed mask."""
 
-    slowest: float = option(SLOWEST)
+    slowest: float = option_field(DEFAULT_SLOWEST)
     """Share of the speed that is left where u is 1."""
     speed_lead: float | None = None
     """Distance before a place at which its speed holds already, in metres; 1 s of driving by
@@ -80,21 +80,29 @@ class SpeedOptions(Nav2Options):
         check_number("speed_lead", self.speed_lead or 0.0, 0)
 
 
-def write_keepout(target: Path, job: ExportJob, options: ChargedOptions) -> ExportSummary:
-    """Write a mask for the keepout filter, of a recommendation or of costs and paths."""
+def write_keepout(target: Path, job: ExportJob, options: KeepoutOptions) -> ExportSummary:
+    """Write a mask for the keepout filter, from a recommendation or from costs and paths."""
     from locplan.export.nav2 import nav2_keepout
 
     mask = nav2_keepout(
-        target, job.recommendation or job.costs, paths=job.paths, force=job.force, **vars(options)
+        target,
+        job.recommendation or job.costs,
+        planner=options.planner,
+        planner_param=options.planner_param,
+        distro=options.distro,
+        params=options.params,
+        tree=options.tree,
+        paths=job.paths,
+        force=job.force,
     )
-    return mask.facts()
+    return mask.summarize()
 
 
-def write_map(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
-    """Write u in per cent as a map."""
+def write_map(target: Path, job: ExportJob, options: ExportOptions) -> ExportSummary:
+    """Write the degeneracy u in per cent as a map."""
     from locplan.export.values import ros_map
 
-    ros_map(target, job.costs, force=job.force, **vars(options))
+    ros_map(target, job.costs, force=job.force)
     return ExportSummary()
 
 
@@ -102,23 +110,30 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
     """Write a mask for the speed filter."""
     from locplan.export.nav2 import nav2_speed
 
-    mask_options = dict(vars(options))
-    lead = mask_options.pop("speed_lead")
-    if lead is None:  # of 1 s
-        lead = job.robot.kinematics.speed if job.robot else LEAD
-    min_percent = nav2_speed(target, job.costs, lead=lead, force=job.force, **mask_options)
+    lead = options.speed_lead
+    if lead is None:  # the distance that the robot drives in 1 s
+        lead = job.robot.kinematics.speed if job.robot else DEFAULT_LEAD
+    min_percent = nav2_speed(
+        target,
+        job.costs,
+        slowest=options.slowest,
+        lead=lead,
+        distro=options.distro,
+        params=options.params,
+        force=job.force,
+    )
     row = "in the most degenerate place", f"{min_percent} % of the robot's speed"
     values = {"slowest": options.slowest, "lead": lead, "min_percent": min_percent}
     return ExportSummary(values, (row,))
 
 
 @dataclass(frozen=True, kw_only=True)
-class RoutesOptions(Nav2Options, InFrame):
-    """The options of route graphs."""
+class RoutesOptions(Nav2Options, FrameOptions):
+    """Options of a route graph."""
 
-    graph: Path | None = option(None, metavar="FILE")
+    graph: Path | None = option_field(None, metavar="FILE")
     """Route graph (GeoJSON) whose edges get our cost, instead of paths."""
-    set_cost: bool = option(False)
+    set_cost: bool = option_field(False)
     """Write our cost as Nav2's cost of the edges, too."""
 
     def __post_init__(self) -> None:
@@ -132,33 +147,49 @@ class RoutesOptions(Nav2Options, InFrame):
 def check_routes(options: RoutesOptions, paths: int) -> None:
     """Raise a ConfigError unless there are either paths or a graph to export."""
     if options.set_cost and not options.graph:
-        raise ConfigError("--set-cost sets the cost of edges of --graph FILE; give the graph")
+        raise ConfigError("--set-cost needs a route graph; add --graph FILE")
     if options.graph and paths:
-        raise ConfigError("--graph is exported without paths; leave --path, --start, --choice out")
+        raise ConfigError("--graph takes no paths; remove --path, --start and --choice")
     if not options.graph and not paths:
         raise ConfigError(
-            "--to nav2-routes needs paths: --path CSV or --choice FOLDER; or --graph FILE"
+            "--to nav2-routes needs paths; add --path CSV, --choice FOLDER or --graph FILE"
         )
 
 
 def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> ExportSummary:
-    """Write the paths as a route graph, or our costs into one."""
+    """Write the paths as a route graph, or J into the user's route graph."""
     from locplan.export.parameters import Nav2Robot
-    from locplan.export.recommended_ways import nav2_routes
+    from locplan.export.recommended_routes import nav2_routes
     from locplan.export.user_graph import nav2_graph
 
     robot = Nav2Robot.from_files(options.params, options.distro)
     robot.warn(robot.note_larger_radius(job.costs.robot_radius))
-    export_options = dict(vars(options)) | {"force": job.force}
-    graph, set_cost = export_options.pop("graph"), export_options.pop("set_cost")
-    if graph:
-        return nav2_graph(target, job.costs, graph, set_cost=set_cost, **export_options)
-    return nav2_routes(target, job.costs, job.paths, **export_options).facts()
+    if options.graph:
+        return nav2_graph(
+            target,
+            job.costs,
+            options.graph,
+            frame=options.frame,
+            distro=options.distro,
+            params=options.params,
+            set_cost=options.set_cost,
+            force=job.force,
+        )
+    routes = nav2_routes(
+        target,
+        job.costs,
+        job.paths,
+        frame=options.frame,
+        distro=options.distro,
+        params=options.params,
+        force=job.force,
+    )
+    return routes.summarize()
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathOptions(InFrame):
-    """The options of a path."""
+class PathOptions(FrameOptions):
+    """Options of a path file."""
 
     step: float | None = None
     """Maximum distance between poses of the path, in metres. By default they are its corners."""
@@ -169,33 +200,39 @@ class PathOptions(InFrame):
 
 
 def write_path(target: Path, job: ExportJob, options: PathOptions) -> ExportSummary:
-    """Write the only path of a job."""
+    """Write the job's path, of which there is exactly one."""
     from locplan.export.plain_files import write_path_file
 
     (route,) = job.paths.values()
-    write_path_file(target, route, **vars(options))
+    write_path_file(target, route, frame=options.frame, step=options.step)
     return ExportSummary({"length": route.length}, (("length", f"{route.length:.2f} m"),))
 
 
 FORMATS = (
-    Format(
-        *("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, ChargedOptions),
+    ExportFormat(
+        "nav2-keepout",
+        "a mask for Nav2's KeepoutFilter",
+        write_keepout,
+        KeepoutOptions,
         paths="several",
     ),
-    Format("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),
-    Format(
-        *(
-            "nav2-routes",
-            "a graph for Nav2's route server",
-            write_routes,
-            RoutesOptions,
-        ),
+    ExportFormat("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),
+    ExportFormat(
+        "nav2-routes",
+        "a graph for Nav2's route server",
+        write_routes,
+        RoutesOptions,
         paths="several",
         check=check_routes,
     ),
-    Format("ros-map", "u in per cent for the map servers of ROS, or a StaticLayer", write_map),
-    Format(
-        *("path", "a path; also .json, .geojson or .yaml", write_path, PathOptions),
+    ExportFormat(
+        "ros-map", "u in per cent for the map servers of ROS, or a StaticLayer", write_map
+    ),
+    ExportFormat(
+        "path",
+        "a path; also .json, .geojson or .yaml",
+        write_path,
+        PathOptions,
         suffixes=(".csv", ".json", ".geojson", ".yaml"),
         purpose="the path",
         paths="one",

@@ -1,4 +1,4 @@
-"""Values of Nav2's filter masks: what its planners charge for them, and the clearance they need."""
+"""Values of Nav2's filter masks, the charges of its planners, and their clearance."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from locplan.robots.parameters import Nav2Parameters
 from locplan.robots.parts import Inflation
 
 LETHAL, INSCRIBED = 254, 253
-AT_WALLS = 2.5
-"""Excess at walls for which a mask carries the inflation, beside weight u [m per m]."""
+WALL_EXCESS = 2.5
+"""Excess at walls of the inflation in a mask, in addition to weight * u [m per m]."""
 FOLLOWER_ROOM, MIN_ROOM = 0.2, 0.45
-"""Room that a path follower needs beyond the robot's radius, and the least from walls [m].
+"""Room that a path follower needs beyond the robot's radius, and minimum distance from walls [m].
 
-Regulated pure pursuit stopped again and again ("collision ahead") where a plan passed 0.33 m from
-walls, beside a robot of 0.22 m whose pose was off by 0.05 m."""
-TOO_NARROW = 8.0
+Regulated pure pursuit stopped repeatedly ("collision ahead") on a plan that passed 0.33 m from
+walls, with a robot radius of 0.22 m and a pose error of 0.05 m."""
+NARROW_EXCESS = 8.0
 """Excess of cells at the robot's radius from walls, falling to 0 at the follower's room."""
-STEEP = 10.0
-"""A cost_scaling_factor with which an inflation hides no mask."""
+STEEP_SCALING_FACTOR = 10.0
+"""A cost_scaling_factor with which the inflation does not hide a mask."""
 
 
-def follower_room(radius: float) -> float:
+def compute_follower_room(radius: float) -> float:
     """Return the distance from walls that a path follower needs [m].
 
     Parameters
@@ -48,38 +48,38 @@ def follower_room(radius: float) -> float:
     return max(MIN_ROOM, radius + FOLLOWER_ROOM)
 
 
-def room_excess(costs: Costmap) -> Floats:
-    """Return what a mask charges where a follower has too little room, (H, W) [m per m].
+def compute_room_excess(costs: Costmap) -> Floats:
+    """Return the excess of cells in which a path follower lacks room, (H, W) [m per m].
 
     Parameters
     ----------
     costs : Costmap
         The costmap, with the robot's radius.
     """
-    room, radius = follower_room(costs.robot_radius), costs.robot_radius
+    room, radius = compute_follower_room(costs.robot_radius), costs.robot_radius
     shortfall: Floats = np.clip((room - costs.grid.clearance) / (room - radius), 0, 1)
-    return TOO_NARROW * shortfall
+    return NARROW_EXCESS * shortfall
 
 
 @dataclass(frozen=True)
 class CostmapInflation:
     """The inflation layer of a robot's global costmap.
 
-    Nav2 takes the larger one of mask and costmap. So the slope that keeps paths off the walls is
-    lost under high values of a mask unless the mask carries the sum of both, and a mask may be
-    hidden by a wide and flat inflation.
+    Nav2 takes the larger value of mask and costmap. High values of a mask would therefore hide the
+    slope that keeps paths off walls, so the mask has the sum of both. A wide and flat inflation may
+    hide the mask.
     """
 
     layer: str
     """Name of the layer in the costmap's parameters."""
     inflation: Inflation
-    """Its settings."""
+    """The layer's settings."""
     inscribed_radius: float
     """Distance from the centre of an occupied cell up to which the robot would touch it [m]."""
 
     @classmethod
     def from_parameters(cls, parameters: Nav2Parameters) -> CostmapInflation | None:
-        """That of a robot's parameters, or None where they have none.
+        """Return the inflation layer of a robot's parameters, or None without one.
 
         Parameters
         ----------
@@ -90,21 +90,21 @@ class CostmapInflation:
         return cls(*layer_values) if layer_values else None
 
     @property
-    def steeper(self) -> CostmapInflation | None:
-        """The layer with a factor that hides no mask; None if its own factor is as steep."""
-        if self.inflation.cost_scaling_factor >= STEEP:
+    def steep_variant(self) -> CostmapInflation | None:
+        """The layer with a factor that does not hide a mask; None if the layer is steep enough."""
+        if self.inflation.cost_scaling_factor >= STEEP_SCALING_FACTOR:
             return None
-        inflation = dataclasses.replace(self.inflation, cost_scaling_factor=STEEP)
+        inflation = dataclasses.replace(self.inflation, cost_scaling_factor=STEEP_SCALING_FACTOR)
         return dataclasses.replace(self, inflation=inflation)
 
     @classmethod
     def for_mask(cls, costs: Costmap, layer: CostmapInflation | None) -> CostmapInflation | None:
-        """Return the inflation that a mask carries, of the costmap's robot; None without any.
+        """Return the inflation to include in a mask; None without one.
 
         Parameters
         ----------
         costs : Costmap
-            The costmap. The inflation of its robot, if it has one, replaces that of the layer.
+            The costmap. If its robot has an inflation, it replaces the layer's inflation.
         layer : CostmapInflation or None
             The layer of the robot's parameters.
         """
@@ -112,8 +112,8 @@ class CostmapInflation:
         name = layer.layer if layer else ""
         return cls(name, inflation, costs.robot_radius) if inflation else None
 
-    def share_beyond(self, distance: float) -> float:
-        """Return the cost at a distance beyond the robot's edge, as a share of the highest, 0..1.
+    def compute_cost_share(self, distance: float) -> float:
+        """Return the cost at a distance from the robot's edge, as a share of the maximum, 0..1.
 
         Parameters
         ----------
@@ -124,13 +124,13 @@ class CostmapInflation:
             return 0.0
         return math.exp(-self.inflation.cost_scaling_factor * distance)
 
-    def costs(self, grid: OccupancyGrid) -> Floats:
-        """The costs 0..254 of a map's cells, (H, W), as inflation_layer.cpp has them.
+    def compute_costs(self, grid: OccupancyGrid) -> Floats:
+        """Return the costs 0..254 of a map's cells, (H, W), as in inflation_layer.cpp.
 
         Parameters
         ----------
         grid : OccupancyGrid
-            The map; its unknown cells are as free ones.
+            The map; unknown cells count as free.
         """
         import cv2
 
@@ -149,74 +149,74 @@ class CostmapInflation:
 
 @dataclass(frozen=True)
 class PlannedPath:
-    """The path that a planner of Nav2 takes, beside a recommended one with the same ends."""
+    """The path of a Nav2 planner, compared with a recommended path between the same ends."""
 
     name: str
     """Name of the recommended path."""
     planner: str
-    """Name of the planner, as `nav2_keepout` has it."""
+    """Name of the planner, as in `nav2_keepout`."""
     ratio: float
-    """J over that of the recommended path; NaN where the planner finds none."""
+    """Ratio of J to that of the recommended path; NaN if the planner finds no path."""
     clearance: float
     """Median distance from walls along the path [m]."""
     least_clearance: float
-    """Least distance from walls along the path [m]."""
+    """Minimum distance from walls along the path [m]."""
     narrowest: tuple[float, float] = (math.nan, math.nan)
-    """Position of the least distance, farther than half a metre from both ends [m]."""
+    """Position of the minimum distance, at least half a metre from both ends [m]."""
     room: float = math.inf
-    """Distance from walls there [m]."""
+    """Distance from walls at that position [m]."""
     roomy_ratio: float = 1.0
-    """J of the best path that keeps a follower's room, over that of the recommended path."""
+    """Ratio of J of the best path with room for a follower to that of the recommended path."""
 
     @property
-    def follows(self) -> bool:
-        """True if the path costs about as much as the recommended one with a follower's room."""
+    def is_equivalent(self) -> bool:
+        """True if the path costs at most 12 % more than the best path with room for a follower."""
         return self.ratio <= 1.12 * self.roomy_ratio
 
     @property
-    def text(self) -> str:
-        """The path in a few words."""
+    def verdict_text(self) -> str:
+        """The comparison in a few words."""
         if math.isnan(self.ratio):
             return "finds no path"
-        near = f"clearance {self.clearance:.2f} m, {self.least_clearance:.2f} m at least"
+        near = f"clearance {self.clearance:.2f} m (minimum {self.least_clearance:.2f} m)"
         return f"{self.ratio:.2f} times its J, {near}"
 
 
 @dataclass(frozen=True)
 class NavPlanner:
-    """A planner of Nav2, and its charge per metre beyond that of free space, as a share of it."""
+    """A planner of Nav2, with the formula of its charge per metre relative to free space."""
 
     name: str
     plugin: str
-    """Name of the plugin from Jazzy on; Humble writes / for ::."""
+    """Name of the plugin from Jazzy on; Humble uses / instead of ::."""
     parameter: str | None
     """The parameter that scales costs; None if there is none."""
-    excess: Callable[[Floats, float], Floats]
-    """Function from costmap values 0..252 and the parameter to the share charged."""
-    parameter_for: Callable[[float, float], float]
-    """Function from a costmap value and an excess to the parameter at which it means that."""
-    default: float = math.nan
+    compute_excess: Callable[[Floats, float], Floats]
+    """Function of costmap values 0..252 and the parameter that returns the excess."""
+    compute_parameter: Callable[[float, float], float]
+    """Function of a costmap value and its excess that returns the parameter."""
+    default_parameter: float = math.nan
     """Value of that parameter in Nav2's code; NaN if there is none."""
-    assumed: Mapping[str, Any] = field(default_factory=dict)
-    """Other parameters that must be as they are here."""
+    fixed_parameters: Mapping[str, Any] = field(default_factory=dict)
+    """Other parameters, which must have these values."""
     planning_time: float | None = None
-    """Minimum time that the planner needs for a way over a mask [s]; None if it has no limit."""
+    """Time limit that the planner needs on a mask [s]; None if it has no limit."""
     any_angle: bool = False
-    """Whether its paths turn by any angle."""
+    """Whether its paths are any-angle paths."""
     caveat: str = ""
-    """The reason why it does not follow masks; empty if it does."""
+    """The reason why the planner does not follow masks; empty if it does."""
 
 
-def _theta_star_term(costs: Floats | float) -> Floats:
+def _compute_theta_star_term(costs: Floats | float) -> Floats:
     return ((26 + 0.9 * np.asarray(costs)) / 252) ** 2
 
 
-def _theta_star_weight(cost: float, excess: float) -> float:
-    free, full = float(_theta_star_term(0)), float(_theta_star_term(cost))
+def _compute_theta_star_weight(cost: float, excess: float) -> float:
+    free, full = float(_compute_theta_star_term(0)), float(_compute_theta_star_term(cost))
     if full <= free * (1 + excess):
         raise ConfigError(
             f"thetastar cannot charge {1 + excess:g} times as much for degenerate cells as for free"
-            f" ones, {full / free:.0f} times at most: set the parameter, or a smaller weight"
+            f" ones, only {full / free:.0f} times; set the parameter or a smaller weight"
         )
     return excess / (full - free * (1 + excess))
 
@@ -224,10 +224,10 @@ def _theta_star_weight(cost: float, excess: float) -> float:
 def _make_smac_planner(
     name: str, kind: str, parameter: str, default: float, seconds: float, **assumed: Any
 ) -> NavPlanner:
-    """A Smac planner, which multiplies each step by 1 less its `retrospective_penalty`.
+    """Return a Smac planner, which multiplies each step by 1 - `retrospective_penalty`.
 
-    A mask can make it expand several times as many cells, on large maps more than the million at
-    which it gives up by default; so it gets no limit, and five times its own time.
+    With a mask it expands several times as many cells. On large maps these exceed its default limit
+    of a million, so it gets no limit and five times the default time.
     """
     step = 1 - assumed.get("retrospective_penalty", 0.0)
     return NavPlanner(
@@ -244,7 +244,7 @@ PLANNERS = {
         _make_smac_planner("smac2d", "2D", "cost_travel_multiplier", 1.0, 10.0),
         _make_smac_planner(
             *("smac-hybrid", "Hybrid", "cost_penalty", 2.0, 25.0),
-            retrospective_penalty=0.015,  # its default
+            retrospective_penalty=0.015,  # Nav2's default
             use_quadratic_cost_penalty=False,
         ),
         NavPlanner(
@@ -261,8 +261,11 @@ PLANNERS = {
             "thetastar",
             "nav2_theta_star_planner::ThetaStarPlanner",
             "w_traversal_cost",
-            lambda costs, w: (1 + w * _theta_star_term(costs)) / (1 + w * _theta_star_term(0)) - 1,
-            _theta_star_weight,
+            lambda costs, w: (
+                (1 + w * _compute_theta_star_term(costs)) / (1 + w * _compute_theta_star_term(0))
+                - 1
+            ),
+            _compute_theta_star_weight,
             2.0,
             {"w_euc_cost": 1.0},
             any_angle=True,
@@ -272,69 +275,69 @@ PLANNERS = {
 
 
 @dataclass(frozen=True)
-class Conversion:
-    """The accuracy of a planner's J = integral of (1 + weight u) ds with the exported values."""
+class MaskConversion:
+    """The difference between a planner's cost on a mask and J."""
 
     planner: NavPlanner = field(repr=False)
-    """The planner of Nav2, with the name and the parameter that scale its costs."""
-    param: float
-    """Value of `planner.parameter`; NaN where there is none."""
-    greatest: float
-    """The excess weight u at which the planner saturates [m per m]."""
+    """The planner of Nav2."""
+    parameter_value: float
+    """Value of `planner.parameter`; NaN if the planner has none."""
+    max_excess: float
+    """The excess weight * u at which the planner saturates [m per m]."""
     saturated_share: float
-    """Share of the cells whose excess is above that, 0..1, of those with a follower's room."""
+    """Share of the cells with room for a follower whose excess is higher, 0..1."""
     quantisation: float
-    """Largest difference of weight u and the planner's charge [m per m], where none saturates."""
+    """Maximum difference of weight * u and the planner's charge in other cells [m per m]."""
     mean_quantisation: float
-    """Mean of that difference over the cells that do not saturate [m per m]."""
+    """Mean difference of weight * u and the planner's charge in other cells [m per m]."""
     paths: tuple[PlannedPath, ...] = ()
-    """The paths that planners take on the exported mask, of those that were asked for."""
-    most_saturated: tuple[float, float] | None = None
-    """Middle of the widest place with a follower's room that saturates [m]; None without one."""
-    closed: tuple[tuple[float, float, float], ...] = ()
+    """The planner's paths on the exported mask, each compared with a recommended path."""
+    most_saturated_place: tuple[float, float] | None = None
+    """Centre of the widest saturated place with room for a follower [m]; None without one."""
+    closed_gaps: tuple[tuple[float, float, float], ...] = ()
     """Gaps that the mask closes: position and distance from walls [m]."""
 
-    def facts(self) -> ExportSummary:
-        """Return the facts by name, and as rows of a table for people."""
+    def summarize(self) -> ExportSummary:
+        """Return the accuracy as plain data for JSON, and as table rows for people."""
         paths = [nan_to_none(dataclasses.asdict(nav2_path)) for nav2_path in self.paths]
         values = {
             "planner": self.planner.name,
             "parameter": self.planner.parameter,
-            "value": None if np.isnan(self.param) else self.param,
-            "saturates_at_weight_u": self.greatest,
+            "value": None if np.isnan(self.parameter_value) else self.parameter_value,
+            "saturates_at_weight_u": self.max_excess,
             "saturated_share": self.saturated_share,
             "largest_quantisation_error": self.quantisation,
             "mean_quantisation_error": self.mean_quantisation,
-            "most_saturated": self.most_saturated,
-            "closed_gaps": [list(gap_values) for gap_values in self.closed],
+            "most_saturated": self.most_saturated_place,
+            "closed_gaps": [list(gap_values) for gap_values in self.closed_gaps],
             "paths": paths,
         }
         parameter = self.planner.parameter
-        parameter_text = f", {parameter}: {self.param:.4g}" if parameter else ""
+        parameter_text = f", {parameter}: {self.parameter_value:.4g}" if parameter else ""
         rows = (
             ("planner", self.planner.name + parameter_text),
-            ("cost beyond the length", f"at most {self.greatest:.3f} a metre"),
+            ("cost in addition to the length", f"at most {self.max_excess:.3f} per metre"),
             ("cells that would cost more", f"{self.saturated_share:.1%}"),
-            ("rounding of this cost", f"{self.mean_quantisation:.4f} a metre on average,"),
+            ("rounding of this cost", f"{self.mean_quantisation:.4f} per metre on average,"),
             ("", f"{self.quantisation:.4f} at most"),
             *(
-                (f"{nav2_path.planner} for {nav2_path.name}", nav2_path.text)
+                (f"{nav2_path.planner} for {nav2_path.name}", nav2_path.verdict_text)
                 for nav2_path in self.paths
             ),
             *(
                 ("closed gap", "{:.2f}, {:.2f}: {:.2f} m from walls".format(*gap))
-                for gap in self.closed
+                for gap in self.closed_gaps
             ),
         )
         return ExportSummary(values, rows)
 
 
 def find_planner(name: str, param: float | None) -> NavPlanner:
-    """One of `PLANNERS`; another name, or a parameter that it cannot have, is a ConfigError."""
+    """Return the planner of a name; raise a ConfigError if it or its parameter is invalid."""
     check_choice("planner", name, PLANNERS)
     planner = PLANNERS[name]
     if param is not None and planner.parameter is None:
-        raise ConfigError(f"{name} has no parameter that scales costs")
+        raise ConfigError(f"{name} has no parameter that scales costs; leave it out")
     if param is not None and not 0 < param < math.inf:
         raise ConfigError(f"{planner.parameter} must be a positive number, not {param:g}")
     return planner
@@ -346,26 +349,26 @@ def compute_mask_values(
     max_excess: float,
     param: float | None,
     counted: Bools | None = None,
-) -> tuple[NDArray[np.int8], Conversion, Bools]:
-    """The values of a mask by which a planner has `density` as costs.
+) -> tuple[NDArray[np.int8], MaskConversion, Bools]:
+    """Return mask values that make a planner's costs equal to `density`.
 
-    Where the density is infinite the values are -1. By default the planner's parameter is such
-    that the excess `max_excess` over 1 just fits. The last array is True in saturated cells,
-    of the `counted` ones, by default of all.
+    Cells of infinite density have the value -1. By default, the planner's parameter is the lowest
+    value that can charge the excess `max_excess`. The last array is True in saturated cells among
+    the `counted` ones, by default among all.
     """
     is_finite = np.isfinite(density)
     excess = density[is_finite] - 1
-    # A KeepoutFilter rounds to the nearest, and 100 would be lethal.
+    # A KeepoutFilter rounds to the nearest cost, and 100 would be lethal.
     choices = np.arange(100)
     costs = np.floor(choices * 254 / 100 + 0.5)
     if planner.parameter is None:
         param = math.nan
-    elif param is None:  # the least of three decimals
+    elif param is None:  # rounded up to three decimals
         min_parameter = (
-            planner.parameter_for(float(costs[-1]), max_excess) if max_excess > 0 else 1.0
+            planner.compute_parameter(float(costs[-1]), max_excess) if max_excess > 0 else 1.0
         )
         param = math.ceil(min_parameter * 1000 - 1e-9) / 1000
-    charged = planner.excess(costs, param)
+    charged = planner.compute_excess(costs, param)
     nearest = np.searchsorted((charged[1:] + charged[:-1]) / 2, excess)
     values = np.full(density.shape, -1, np.int8)
     values[is_finite] = choices[nearest]
@@ -376,41 +379,40 @@ def compute_mask_values(
     saturated[is_finite] = above
     counted = is_finite if counted is None else counted & is_finite
     share = float(saturated[counted].mean()) if counted.any() else 0.0
-    conversion = Conversion(planner, param, float(charged[-1]), share, largest, mean)
+    conversion = MaskConversion(planner, param, float(charged[-1]), share, largest, mean)
     return values, conversion, saturated & counted
 
 
-def mask_density(costs: Costmap, inflation: CostmapInflation | None = None) -> Floats:
-    """Return the density that a mask stands for, (H, W): J's, and what places near walls cost.
+def compute_mask_density(costs: Costmap, inflation: CostmapInflation | None = None) -> Floats:
+    """Return the density that a mask encodes, (H, W): J's density plus the excess near walls.
 
     Parameters
     ----------
     costs : Costmap
         The costmap.
     inflation : CostmapInflation, optional
-        The inflation that the mask carries.
+        The inflation to include in the mask.
     """
-    density = costs.unblocked_density + room_excess(costs)
+    density = costs.unblocked_density + compute_room_excess(costs)
     if inflation:
-        density = density + AT_WALLS * np.minimum(inflation.costs(costs.grid) / 252, 1)
+        density = density + WALL_EXCESS * np.minimum(inflation.compute_costs(costs.grid) / 252, 1)
     return density
 
 
-def keepout_mask(
+def compute_keepout_mask(
     costs: Costmap,
     *,
     planner: str = "smac2d",
     planner_param: float | None = None,
     inflation: CostmapInflation | None = None,
-) -> tuple[NDArray[np.int8], Conversion]:
-    """The values of a mask that make a planner's costs J, (H, W): 0..99, or -1 to change nothing.
+) -> tuple[NDArray[np.int8], MaskConversion]:
+    """Return mask values with costs equal to J, (H, W): 0..99, or -1 for no change.
 
-    Every free cell whose u is known has a value, or where a density of one's own is finite. Free
-    cells that are blocked farther from walls than the robot's radius, as by `blocked_where`, have
-    100, which is lethal, and so have all cells in no-go zones. Outside preferred zones a metre
-    costs 1 more, as in J. Cells closer to walls than the robot's radius and 0.2 m, and at least
-    0.45 m, cost more, since a path follower stops there. A planner that does not follow masks has
-    J alone.
+    Every free cell with u, or with a finite custom density, has a value. Cells in no-go zones have
+    the lethal value 100, as do free cells that are blocked farther from walls than the robot's
+    radius. Outside preferred zones a metre costs 1 more, as in J. Cells closer to walls than the
+    robot's radius plus 0.2 m, or than 0.45 m, cost more, because path followers stop there. For a
+    planner that does not follow masks, the values encode only J.
 
     Parameters
     ----------
@@ -419,24 +421,24 @@ def keepout_mask(
     planner : str, default "smac2d"
         "smac2d", "smac-hybrid", "navfn" or "thetastar".
     inflation : CostmapInflation, optional
-        The inflation that the values carry, too, with an excess of 2.5 at walls.
+        The inflation to include in the values, with an excess of 2.5 at walls.
 
     Returns
     -------
     values : (H, W) array of int8
         The values, row 0 at the lowest y.
-    conversion : Conversion
-        Where the planner saturates, and how exact the mask is.
+    conversion : MaskConversion
+        The accuracy of the mask.
 
     Raises
     ------
     ConfigError
-        If no cell is passable, or the planner is unknown or cannot charge as much.
+        If no cell is passable, or the planner is unknown or cannot charge the costs.
     """
     passable = np.isfinite(costs.density)
     if not passable.any():
         raise ConfigError(
-            "no cell of the costmap is passable, so a mask would be empty; check the"
+            "no cell of the costmap is passable, so the mask would be empty; check the"
             " robot's radius [m]"
         )
     greatest, density = costs.max_excess, costs.unblocked_density
@@ -445,23 +447,23 @@ def keepout_mask(
     runs = find_planner(planner, planner_param)
     counted = None
     if not runs.caveat:
-        greatest += AT_WALLS
-        density = mask_density(costs, inflation)
-        counted = costs.grid.clearance >= follower_room(costs.robot_radius)
+        greatest += WALL_EXCESS
+        density = compute_mask_density(costs, inflation)
+        counted = costs.grid.clearance >= compute_follower_room(costs.robot_radius)
     values, conversion, saturated = compute_mask_values(
         density, runs, greatest, planner_param, counted
     )
     if saturated.any():
-        middle = costs.grid.position(*_find_middle(saturated))
-        conversion = dataclasses.replace(conversion, most_saturated=middle)
+        middle = costs.grid.position(*_find_deepest_cell(saturated))
+        conversion = dataclasses.replace(conversion, most_saturated_place=middle)
     near = costs.grid.cells_near_walls(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
     values[costs.zones.cells(costs.grid, "no-go")] = 100
     return values, conversion
 
 
-def _find_middle(cells: Bools) -> tuple[int, int]:
-    """Row and column of the cell that lies deepest among cells of its kind."""
+def _find_deepest_cell(cells: Bools) -> tuple[int, int]:
+    """Return row and column of the cell that is farthest inside the True cells."""
     import cv2
 
     distances = cv2.distanceTransform(np.pad(cells, 1).astype(np.uint8), cv2.DIST_L2, 3)

@@ -1,7 +1,7 @@
 """Filter masks for ROS 2 Nav2, with the parameters and the launch file to use them.
 
-Formats read from ros-navigation/navigation2, branches humble to main (2026-08): keepout_filter.cpp,
-speed_filter.cpp and the documentation of their servers.
+The formats follow ros-navigation/navigation2, branches humble to main (2026-08):
+keepout_filter.cpp, speed_filter.cpp and the documentation of their servers.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.errors import LocplanError
-from locplan.export.behavior_trees import merge_tree
+from locplan.export.behavior_trees import add_behavior_tree
 from locplan.export.masks import (
-    Conversion,
     CostmapInflation,
+    MaskConversion,
     PlannedPath,
+    compute_follower_room,
+    compute_keepout_mask,
     find_planner,
-    follower_room,
-    keepout_mask,
 )
 from locplan.export.parameters import (
     Nav2Robot,
-    Params,
-    add_filter,
+    ParameterFiles,
+    add_filters,
     add_planner,
     describe_differences,
     dump_parameters,
@@ -41,9 +41,9 @@ from locplan.export.planned_paths import (
     note_narrow_places,
     suggest_inflation,
 )
-from locplan.export.registry import DISTRO, LEAD, SLOWEST, export_folder
+from locplan.export.registry import DEFAULT_DISTRO, DEFAULT_LEAD, DEFAULT_SLOWEST, export_folder
 from locplan.export.servers import LifecycleNode, write_servers
-from locplan.export.values import compute_speed_mask, unturn, write_values
+from locplan.export.values import compute_speed_mask, drop_costmap_yaw, write_map_values
 from locplan.maps.zones import FILE as ZONES, Zones
 from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.metrics import format_costs_caption
@@ -60,12 +60,12 @@ def nav2_keepout(
     *,
     planner: str | None = None,
     planner_param: float | None = None,
-    distro: str = DISTRO,
-    params: Params = None,
+    distro: str = DEFAULT_DISTRO,
+    params: ParameterFiles = None,
     tree: str | Path | None = None,
     paths: Mapping[str, Route] | None = None,
     force: bool = False,
-) -> Conversion:
+) -> MaskConversion:
     """Write a mask for Nav2's KeepoutFilter that makes a planner's costs the costmap's J.
 
     Parameters
@@ -73,55 +73,54 @@ def nav2_keepout(
     folder : path
         The folder, which need not exist; an earlier export of this kind is replaced.
     costs : Costmap or Recommendation
-        The mask's 0..99 stand for weight u in every free cell, whether or not the robot fits
-        there: what is too close to a wall is for Nav2's own inflation to say, and its robot may
-        fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
-        either. Of a recommendation it is `Recommendation.costmap`, whose path is one of
-        `paths`; the folder's README.md begins with its advice to tune first.
-        A costmap with zones makes a zones.geojson. If a zone is slow, there is a speed_mask.yaml
-        as well, whose limits begin as far before a zone as the robot drives in a second. From
-        lyrical on, vector_objects.yaml has the no-go zones for Nav2's vector object server.
+        The mask's values 0..99 stand for weight * u in every free cell, also close to walls:
+        Nav2's inflation keeps the robot away from walls. Nav2 ignores a map's yaw, so the mask
+        has none either. For a recommendation, the mask has `Recommendation.costmap`, its path is
+        added to `paths`, and README.md begins with its advice.
+        Zones are also written to zones.geojson. Slow zones are written to speed_mask.yaml; their
+        limits begin as far before a zone as the robot drives in a second. From lyrical on,
+        vector_objects.yaml has the no-go zones for Nav2's vector object server.
     planner : str, optional
-        "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that plans. By default the first
-        of these that `params` has, except "navfn", which does not follow masks; else "smac2d" up
-        to a million cells, and "thetastar" on larger maps.
+        The planner that plans on the mask: "smac2d", "smac-hybrid", "navfn" or "thetastar". By
+        default the first of these in `params`, except "navfn", which does not follow masks. If
+        there is none, "smac2d" up to a million cells, and "thetastar" on larger maps.
     planner_param : float, optional
-        The planner's own parameter, above 0: cost_travel_multiplier, cost_penalty or
-        w_traversal_cost. Give it where the robot's must stay. By default it is such that u = 1
-        just fits, whatever the map. "navfn" has none.
+        Value of the planner's parameter for costs, above 0: cost_travel_multiplier, cost_penalty
+        or w_traversal_cost. Set it to keep the robot's value. By default the lowest value that can
+        charge u = 1. "navfn" has no such parameter.
     distro : str, default "jazzy"
         The robot's distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
     params : path or sequence of path, optional
-        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. Of several
-        files nav2.yaml is the one with the global costmap and the planner, and merged.yaml has all
-        of them in one. The mask
-        carries the inflation of its global costmap, too: Nav2 takes the larger one of mask and
-        costmap, not their sum. The inflation itself stays. If it hides the mask from the planner of
-        `paths`, a `RobotWarning` and the folder's README.md name a ``cost_scaling_factor`` that
-        does not. Where a value of the file has to be another one, a `ParametersChanged` warning and
-        the README.md name it. The planner gets ``allow_unknown: false``, since J knows no way
-        through unknown space.
+        The robot's Nav2 parameter files; nav2.yaml is a copy with the export's parameters merged
+        in. Without files, nav2.yaml has only the export's parameters. With several files, nav2.yaml
+        is a copy of the one with the global costmap and the planner, and merged.yaml combines all.
+        The mask includes the inflation of the global costmap, because Nav2 takes the larger value
+        of mask and costmap, not their sum. The inflation stays unchanged. If it hides the mask from
+        the planner on `paths`, a `RobotWarning` and README.md name a ``cost_scaling_factor`` that
+        does not. If the export changes a value of the file, a `ParametersChanged` warning and
+        README.md name it. The planner gets ``allow_unknown: false``, since J is infinite in unknown
+        space.
     tree : path, optional
-        The robot's behaviour tree, which the folder then holds with our planner's name in it, and
-        which the parameters name; paths of Theta* are smoothed in it, since they zigzag.
+        The robot's behaviour tree. The export writes a copy that uses the mask's planner, and sets
+        it in the parameters. The copy smooths the paths of Theta*, since they zigzag.
     paths : dict of Path, optional
-        Recommended paths by name, with which those that Nav2's planners take between their ends are
-        compared, by the planners' formulas. Those that the mask's planner does not take are written
-        as a route graph beside the folder, see `nav2_routes`. If the planner passes a gap that is
-        too narrow for a path follower, and a wider way costs at most 5 % more, the mask closes the
-        gap. A `RobotWarning` names the narrowest place that is left.
+        Recommended paths by name. The export computes the paths of Nav2's planners between the
+        same ends, by the planners' formulas, and compares them. Paths that the mask's planner does
+        not take are written as a route graph next to the folder, see `nav2_routes`. If the planner
+        passes a gap that is too narrow for a path follower, and a wider detour costs at most 5 %
+        more, the mask closes the gap. A `RobotWarning` names the narrowest remaining place.
     force : bool, default False
-        True overwrites files of the same names in the folder; others stay.
+        True overwrites files of the same names in the folder.
 
     Returns
     -------
-    Conversion
-        Where the planner saturates, and how exact the mask is.
+    MaskConversion
+        The accuracy of the mask.
 
     Raises
     ------
     LocplanError
-        If the folder cannot be written, or a setting is out of its range.
+        If the folder cannot be written, or a setting is out of range.
     """
     robot, paths, recommendation = Nav2Robot.from_files(params, distro, tree), paths or {}, None
     if not isinstance(costs, Costmap):
@@ -131,30 +130,35 @@ def nav2_keepout(
             for candidate in [recommendation.recommended_candidate]
             if candidate
         } | {**paths}
-    planner = planner or robot.planner(costs.grid.free.size)
+    planner = planner or robot.select_planner(costs.grid.free.size)
     caveat = find_planner(planner, None).caveat
     layer = CostmapInflation.from_parameters(robot.parameters)
     inflation = None if caveat else CostmapInflation.for_mask(costs, layer)
-    values, conversion = keepout_mask(
+    values, conversion = compute_keepout_mask(
         costs, planner=planner, inflation=inflation, planner_param=planner_param
     )
     check_paths(costs, paths)
     if not caveat:
         values, gaps = close_gaps(costs, values, conversion, paths, layer)
-        conversion = dataclasses.replace(conversion, closed=tuple(gaps))
-    masks, lead = {"keepout": values}, costs.robot.kinematics.speed if costs.robot else LEAD
+        conversion = dataclasses.replace(conversion, closed_gaps=tuple(gaps))
+    masks, lead = {"keepout": values}, costs.robot.kinematics.speed if costs.robot else DEFAULT_LEAD
     if costs.zones.has_kind("slow"):
         masks["speed"] = compute_speed_mask(costs, 1.0, lead)
         robot.warn(robot.note_speed_filters("localizability_speed_filter"))
-    merged, planner_name = add_planner(robot, add_filter(robot, *masks), conversion)
-    merged, edited = merge_tree(robot, merged, planner_name, conversion.planner, Path(folder))
+    merged, planner_name = add_planner(robot, add_filters(robot, *masks), conversion)
+    merged, edited = add_behavior_tree(
+        robot, merged, planner_name, conversion.planner, Path(folder)
+    )
     robot.warn(robot.note_other_planners(planner_name))
     if caveat:
         robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
     compared = compare_nav2_paths(costs, values, conversion, paths, layer)
     conversion = dataclasses.replace(conversion, paths=tuple(compared))
     title = f"Localizability mask for {conversion.planner.plugin} ({planner_name})"
-    metadata: dict[str, Any] = {"planner_id": planner_name, "conversion": conversion.facts().values}
+    metadata: dict[str, Any] = {
+        "planner_id": planner_name,
+        "conversion": conversion.summarize().values,
+    }
     if "speed" in masks:
         metadata["lead"] = lead
     if recommendation:
@@ -162,12 +166,12 @@ def nav2_keepout(
             "recommended_name": recommendation.recommended_name,
             "answer": recommendation.answer,
         }
-    planning = _MaskPlanning(conversion, planner_name, edited, bool(inflation), recommendation)
+    planning = _MaskPlanner(conversion, planner_name, edited, bool(inflation), recommendation)
     if layer and planning.untaken_paths:
-        option = suggest_inflation(
+        inflation_advice = suggest_inflation(
             costs, values, robot, planning.untaken_paths, conversion, paths, layer
         )
-        planning = dataclasses.replace(planning, option=option)
+        planning = dataclasses.replace(planning, inflation_advice=inflation_advice)
     robot.warn(note_narrow_places(planning.mask_paths, costs.robot_radius))
     _write_mask(folder, title, costs, masks, robot, merged, metadata, planning, force=force)
     _write_untaken_paths(Path(folder), costs, robot, planning, paths, force=force)
@@ -178,42 +182,42 @@ def nav2_speed(
     folder: str | Path,
     costs: Costmap,
     *,
-    slowest: float = SLOWEST,
-    lead: float = LEAD,
-    distro: str = DISTRO,
-    params: Params = None,
+    slowest: float = DEFAULT_SLOWEST,
+    lead: float = DEFAULT_LEAD,
+    distro: str = DEFAULT_DISTRO,
+    params: ParameterFiles = None,
     force: bool = False,
 ) -> int:
-    """Write a mask for Nav2's SpeedFilter: the more degenerate a cell, the slower.
+    """Write a mask for Nav2's SpeedFilter, which slows the robot in degenerate cells.
 
     Parameters
     ----------
     folder : path
         The folder, which need not exist; an earlier export of this kind is replaced.
     costs : Costmap
-        A costmap that was made of a field. In its slow zones the lower of both limits counts.
+        A costmap with a covariance field. In slow zones the lower of both limits applies.
     slowest : float, default 0.3
-        Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed. A
-        lower share gives the filter more scans a metre there.
+        Share of the robot's speed at u = 1, 0.01 to 1; linear in u up to full speed. A lower share
+        gives the filter more scans per metre in degenerate places.
     lead : float, default 0.5
-        Distance before a place at which its limit holds already [m]: limits come up to a second
+        Distance before a place at which its limit begins [m]. Nav2 applies limits up to a second
         late, at the rate of the global costmap.
     distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path or sequence of path, optional
         Nav2's parameters to merge ours into, as for `nav2_keepout`.
     force : bool, default False
-        True overwrites files of the same names in the folder; others stay.
+        True overwrites files of the same names in the folder.
 
     Returns
     -------
     int
-        The speed left at the most degenerate cell of the map, in per cent of the robot's own.
+        The speed at the most degenerate cell of the map, in per cent of the robot's speed.
 
     Raises
     ------
     LocplanError
-        If the folder cannot be written, a setting is out of its range, or there is no field.
+        If the folder cannot be written, a setting is out of range, or there is no field.
     """
     values = compute_speed_mask(costs, slowest, lead)
     robot = Nav2Robot.from_files(params, distro)
@@ -221,7 +225,7 @@ def nav2_speed(
     title = f"Speed mask: the robot keeps {min_percent} % of its speed or more"
     metadata = {"slowest": slowest, "lead": lead, "min_percent": min_percent}
     robot.warn(robot.note_speed_filters("localizability_speed_filter"))
-    merged = add_filter(robot, "speed")
+    merged = add_filters(robot, "speed")
     masks = {"speed": values}
     _write_mask(folder, title, costs, masks, robot, merged, metadata, force=force)
     return min_percent
@@ -231,43 +235,50 @@ def _write_untaken_paths(
     folder: Path,
     costs: Costmap,
     robot: Nav2Robot,
-    planning: _MaskPlanning,
+    planning: _MaskPlanner,
     paths: Mapping[str, Route],
     *,
     force: bool,
 ) -> None:
-    """Write the paths that the mask's planner does not take as a route graph, and say so."""
-    from locplan.export.recommended_ways import nav2_routes
+    """Write the paths that the mask's planner does not take as a route graph, and warn."""
+    from locplan.export.recommended_routes import nav2_routes
 
     if not planning.untaken_paths:
         return
     routes = folder.with_name(f"{folder.name}-routes")
     untaken_paths = {nav2_path.name: paths[nav2_path.name] for nav2_path in planning.untaken_paths}
-    route_options: Any = {"distro": robot.distribution.name, "params": robot.files}
     try:
-        nav2_routes(routes, costs, untaken_paths, **route_options, force=force)
+        nav2_routes(
+            routes,
+            costs,
+            untaken_paths,
+            distro=robot.distribution.name,
+            params=robot.files,
+            force=force,
+        )
         route_text = f"{routes} has it as a route graph"
-    except LocplanError as error:  # the mask is there, and of use for other paths
+    except LocplanError as error:  # the mask still works for other paths
         route_text = f"it has no route graph: {error}"
     robot.warn(
-        f"{nav2_path.planner} would not take {nav2_path.name} ({nav2_path.text}); {route_text}"
+        f"{nav2_path.planner} does not take {nav2_path.name} ({nav2_path.verdict_text});"
+        f" {route_text}"
         for nav2_path in planning.untaken_paths
     )
-    if planning.option:
-        robot.warn(iter([planning.option]))
+    if planning.inflation_advice:
+        robot.warn(iter([planning.inflation_advice]))
 
 
 @dataclass(frozen=True)
-class _MaskPlanning:
-    """What an export says of the planner of a mask."""
+class _MaskPlanner:
+    """The planner that plans on a mask, as README.md describes it."""
 
-    conversion: Conversion
-    called: str
-    tree: str | None
-    inflated: bool
+    conversion: MaskConversion
+    planner_name: str
+    tree_text: str | None
+    has_inflation: bool
     recommendation: Recommendation | None = None
-    option: str = ""
-    """A change of the inflation with which the planner takes more of the paths; empty without."""
+    inflation_advice: str = ""
+    """Advice to change the inflation so that the planner takes more of the paths; may be empty."""
 
     @property
     def mask_paths(self) -> list[PlannedPath]:
@@ -279,8 +290,8 @@ class _MaskPlanning:
 
     @property
     def untaken_paths(self) -> list[PlannedPath]:
-        """What the mask's planner takes in place of recommended paths."""
-        return [nav2_path for nav2_path in self.mask_paths if not nav2_path.follows]
+        """The planner's paths that differ from the recommended ones."""
+        return [nav2_path for nav2_path in self.mask_paths if not nav2_path.is_equivalent]
 
 
 def _write_mask(
@@ -291,13 +302,13 @@ def _write_mask(
     robot: Nav2Robot,
     merged: Nav2Parameters,
     metadata: dict[str, Any],
-    planning: _MaskPlanning | None = None,
+    planning: _MaskPlanner | None = None,
     *,
     force: bool,
 ) -> None:
-    """Write the folder of a mask, for a planner or for the speed filter, and of zones.
+    """Write the folder of a mask, for a planner or for the speed filter, with its zones.
 
-    The first mask gives the folder its kind; a second one is that of slow zones.
+    The first mask decides the kind of the folder; the second, if any, has the slow zones.
     """
     from locplan.export import figures as _figures
 
@@ -307,11 +318,13 @@ def _write_mask(
     base = f"localizability_{kind}"
     stems = {mask_kind: "mask" if mask_kind == kind else f"{mask_kind}_mask" for mask_kind in masks}
     servers = [
-        server for mask_kind, stem in stems.items() for server in _mask_servers(mask_kind, stem)
+        server
+        for mask_kind, stem in stems.items()
+        for server in _make_mask_servers(mask_kind, stem)
     ]
     metadata = {"kind": f"nav2-{kind}", **summarize_costs(costs), **metadata}
     metadata |= {"distro": robot.distribution.name, "changed_parameters": changed}
-    unturned, file = unturn(costs), robot.file and robot.file.name
+    unturned, file = drop_costmap_yaw(costs), robot.main_file and robot.main_file.name
     grid = unturned.grid
     template_values: dict[str, Any] = {
         "title": title,
@@ -319,40 +332,42 @@ def _write_mask(
         "kind": kind,
         "file": file,
         "planning": planning,
-    }
-    template_values |= {"changed": changed, "added": added, "others": robot.other_files}
-    template_values |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
-    template_values |= {
+        "changed": changed,
+        "added": added,
+        "others": robot.other_files,
+        "distro": robot.distribution.name,
+        "before": next(iter(robot.planners), ""),
         "namespace": robot.parameters.namespace,
         "lead": metadata.get("lead"),
         "base": base,
+        "room": compute_follower_room(costs.robot_radius),
+        "masks": list(masks),
     }
-    template_values |= {"room": follower_room(costs.robot_radius), "masks": list(masks)}
-    has_objects = robot.distribution.vector_objects and kind == "keepout"
-    shapes = _no_go_shapes(unturned.zones) if has_objects else {}
+    has_objects = robot.distribution.has_vector_objects and kind == "keepout"
+    shapes = _make_no_go_shapes(unturned.zones) if has_objects else {}
     template_values["shapes"] = len(shapes)
     parameters, template_values["comments"] = make_parameter_files(robot.parameters, merged)
-    with export_folder(folder, "nav2-mask.md", metadata, force, **template_values) as temporary:
+    with export_folder(folder, "nav2-mask.md", metadata, template_values, force=force) as temporary:
         for name, content in parameters.items():
             (temporary / name).write_bytes(content)
-        if planning and planning.tree is not None:
-            (temporary / "tree.xml").write_text(planning.tree, "utf-8")
+        if planning and planning.tree_text is not None:
+            (temporary / "tree.xml").write_text(planning.tree_text, "utf-8")
         for mask_kind, stem in stems.items():
-            write_values(temporary / stem, masks[mask_kind], grid)
+            write_map_values(temporary / stem, masks[mask_kind], grid)
         if costs.zones:
             costs.zones.save(temporary / ZONES)
         if shapes:
             _write_vector_objects(temporary, shapes, grid.resolution)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
-        label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
+        label = "speed limit [% of the robot's speed]" if is_speed else f"{kind} mask [0-100]"
         above = f"{grid.name or 'map'}: {title}{format_costs_caption(costs)}"
         figure = _figures.values_figure(grid, values, label, above, is_speed, unturned.zones)
         _figures.save_preview(temporary, figure, dpi=90)
 
 
-def _mask_servers(kind: str, stem: str) -> list[LifecycleNode]:
-    """The nodes that publish a mask and the meaning of its values."""
+def _make_mask_servers(kind: str, stem: str) -> list[LifecycleNode]:
+    """Return the nodes that publish a mask and the meaning of its values."""
     base = f"localizability_{kind}"
     topic = {"topic_name": f"/{base}_mask", "frame_id": "map"}
     files = {"yaml_filename": f"{stem}.yaml"}
@@ -370,8 +385,8 @@ VECTOR_OBJECTS = "vector_objects.yaml"
 """The file of no-go zones for Nav2's vector object server."""
 
 
-def _no_go_shapes(zones: Zones) -> dict[str, Any]:
-    """Polygons of the no-go zones by name, as the vector object server's parameters have them."""
+def _make_no_go_shapes(zones: Zones) -> dict[str, Any]:
+    """Return the no-go zones' polygons by name, in the parameters of the vector object server."""
     shapes = {}
     for number, zone in enumerate(zones.no_go_zones, 1):
         points = zone.polygon.round(6).ravel().tolist()

@@ -1,4 +1,4 @@
-"""Nav2's parameters with those of an export: distributions, merged files and differences."""
+"""Nav2 parameters merged with the parameters of an export, and distributions of ROS 2."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 from locplan._support.checks import check_choice
 from locplan._support.reading import ROS_BOOLEANS, ROS_NUMBER, scalar_text
 from locplan.errors import LocplanError
-from locplan.export.masks import PLANNERS, Conversion
+from locplan.export.masks import PLANNERS, MaskConversion
 from locplan.robots.nav2 import read_planner_types
 from locplan.robots.parameter_edits import edit_files
 from locplan.robots.parameters import (
@@ -26,11 +26,11 @@ from locplan.robots.parameters import (
 
 
 def dump_parameters(content: Mapping[str, Any]) -> str:
-    """Parameters as YAML, in which ROS reads each text as a text."""
+    """Return parameters as YAML in which ROS reads every string as a string."""
     import yaml
 
     class Dumper(yaml.SafeDumper):
-        """A dumper that quotes what is a text to PyYAML only."""
+        """A dumper that quotes strings that ROS would read as another type."""
 
     def represent(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
         # libyaml below 0.2.2 fails on an unquoted :: between braces.
@@ -45,16 +45,16 @@ def dump_parameters(content: Mapping[str, Any]) -> str:
 def make_parameter_files(
     before: Nav2Parameters, after: Nav2Parameters
 ) -> tuple[dict[str, bytes], bool]:
-    """Return the files of a robot's parameters with ours, and whether nav2.yaml has its comments.
+    """Return the content of the merged parameter files, and whether nav2.yaml keeps its comments.
 
-    nav2.yaml is a copy of the robot's file that has what is changed; a merger if several files
-    have, and, without comments, where anchors and aliases stand for what has to be changed. Of
-    several files merged.yaml has all.
+    nav2.yaml is a copy of the only file that changes. If several files change, it combines all,
+    without comments. It also loses the comments if an anchor or alias stands for a changed value.
+    With several files, merged.yaml combines all of them.
 
     Parameters
     ----------
     before, after : Nav2Parameters
-        The robot's own parameters, and the same with ours.
+        The robot's parameters before and after the merge.
     """
     text, has_comments = _make_nav2_yaml(before, after)
     files = {"nav2.yaml": text}
@@ -64,7 +64,7 @@ def make_parameter_files(
 
 
 def _make_nav2_yaml(before: Nav2Parameters, after: Nav2Parameters) -> tuple[bytes, bool]:
-    """Text of the only file that is changed, or of all in one, and whether comments are in it."""
+    """Return the only changed file, or all in one, and whether it keeps its comments."""
     pairs = list(zip(before.files, after.files, strict=False))
     changed = [new for old, new in pairs if old.content != new.content] or [*after.files][:1]
     path = changed[0].path if len(changed) == 1 else None
@@ -76,15 +76,15 @@ def _make_nav2_yaml(before: Nav2Parameters, after: Nav2Parameters) -> tuple[byte
         return dump_parameters(changed[0].content).encode(), False
 
 
-def write_merged(target: Path, paths: Sequence[str | Path]) -> None:
-    """Write the parameters of several files of Nav2 as one, as nav2_bringup takes them.
+def write_merged_parameters(target: Path, paths: Sequence[str | Path]) -> None:
+    """Write the parameters of several Nav2 files as one file, for nav2_bringup.
 
     Parameters
     ----------
     target : Path
         The file.
     paths : sequence of path
-        The files, of which later ones replace single parameters of earlier ones.
+        The files; parameters of later files replace earlier ones.
 
     Raises
     ------
@@ -95,10 +95,10 @@ def write_merged(target: Path, paths: Sequence[str | Path]) -> None:
 
 
 def describe_differences(before: Any, merged: Any) -> tuple[list[str], list[str]]:
-    """A sentence's part for each of a robot's own values that is another, and for each new one."""
+    """Return a text for each changed value of a robot's parameters, and for each added one."""
     changed, added = [], []
     for name, old_value, value in _iterate_values(before, merged):
-        if isinstance(value, list):  # of names, to which ours are added
+        if isinstance(value, list):  # of names, with those of the export added
             new = [str(list_name) for list_name in value if list_name not in (old_value or [])]
             if removed_names := [
                 str(list_name) for list_name in old_value or [] if list_name not in value
@@ -114,7 +114,7 @@ def describe_differences(before: Any, merged: Any) -> tuple[list[str], list[str]
 
 
 def _iterate_values(before: Any, merged: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Name, value before and value after of each parameter; nodes' own levels are left out."""
+    """Yield the name, old value and new value of each parameter, without the levels of nodes."""
     if not isinstance(merged, dict):
         yield name, before, merged
         return
@@ -124,113 +124,115 @@ def _iterate_values(before: Any, merged: Any, name: str = "") -> Iterator[tuple[
         yield from _iterate_values(old_values.get(key), value, inner)
 
 
-Params: TypeAlias = str | Path | Sequence[str | Path] | None
-"""A parameter file of Nav2, or several, of which later ones replace single parameters."""
+ParameterFiles: TypeAlias = str | Path | Sequence[str | Path] | None
+"""A Nav2 parameter file, or several; parameters of later files replace earlier ones."""
 
 
 class DistroWarning(UserWarning):
-    """A distribution of ROS 2 has a fault that concerns the localization."""
+    """A warning that a distribution of ROS 2 has a fault that affects localization."""
 
 
 @dataclass(frozen=True)
-class Distribution:
-    """A distribution of ROS 2, as far as exports depend on it."""
+class RosDistribution:
+    """A distribution of ROS 2 with the properties that exports depend on."""
 
     name: str
     """The name, such as jazzy."""
-    slashes: bool = False
-    """Whether planners' plugins are named with / for :: (nav2_smac_planner/smac_plugin_2d.xml and
-    its like), up to iron."""
-    quadratic_penalty: bool = True
+    has_slashed_plugins: bool = False
+    """Whether names of planner plugins have / instead of ::, up to iron (such as in
+    nav2_smac_planner/smac_plugin_2d.xml)."""
+    has_quadratic_penalty: bool = True
     """Whether SmacPlannerHybrid has `use_quadratic_cost_penalty`, from jazzy on."""
-    graph_by: Literal["launch", "parameters", "argument"] = "argument"
-    """How the route server gets its graph (nav2_bringup/launch): bringup starts none in humble, so
-    that our launch file does; one with graph_filepath of its parameters in jazzy; and one with the
-    argument ``graph:=``, which replaces graph_filepath, from kilted on."""
-    unsure_field: bool = True
-    """Whether AMCL's likelihood field is made from an uninitialised variable (`CellData cell` in
+    graph_source: Literal["launch", "parameters", "argument"] = "argument"
+    """How the route server gets its graph (nav2_bringup/launch). In humble, bringup starts no route
+    server, so the exported launch file does. In jazzy, the parameter graph_filepath names the
+    graph. From kilted on, the argument ``graph:=`` replaces it."""
+    has_faulty_likelihood_field: bool = True
+    """Whether AMCL's likelihood field starts from an uninitialised variable (`CellData cell` in
     nav2_amcl/src/map/map_cspace.cpp), from kilted on."""
-    vector_objects: bool = False
+    has_vector_objects: bool = False
     """Whether nav2_map_server has a vector_object_server, from lyrical on."""
 
     def warn(self) -> None:
-        """Warn of what a user of this distribution should know."""
-        if self.unsure_field:
+        """Warn of the distribution's faults."""
+        if self.has_faulty_likelihood_field:
             warnings.warn(
                 DistroWarning(
-                    f"{self.name}: AMCL's likelihood field may be wrong there, since it starts from"
-                    " an uninitialised variable (map_cspace.cpp, CellData cell); build nav2_amcl"
+                    f"{self.name}: AMCL's likelihood field may be wrong, since it starts from an"
+                    " uninitialised variable (map_cspace.cpp, CellData cell); build nav2_amcl"
                     " with its occ_dist set to 0"
                 ),
                 stacklevel=2,
             )
 
 
-DISTRIBUTIONS = {
+ROS_DISTRIBUTIONS = {
     distro.name: distro
     for distro in (
-        Distribution("humble", True, False, "launch", unsure_field=False),
-        Distribution("jazzy", graph_by="parameters", unsure_field=False),
-        Distribution("kilted"),
-        Distribution("lyrical", vector_objects=True),
-        Distribution("rolling", vector_objects=True),
+        RosDistribution("humble", True, False, "launch", has_faulty_likelihood_field=False),
+        RosDistribution("jazzy", graph_source="parameters", has_faulty_likelihood_field=False),
+        RosDistribution("kilted"),
+        RosDistribution("lyrical", has_vector_objects=True),
+        RosDistribution("rolling", has_vector_objects=True),
     )
 }
-"""Distributions that exports are made for, by name."""
+"""The supported distributions by name."""
 
 
-def find_distribution(name: str) -> Distribution:
-    """A distribution of ROS 2 by its name.
+def find_ros_distribution(name: str) -> RosDistribution:
+    """Return the distribution of ROS 2 with a name.
 
     Parameters
     ----------
     name : str
-        One of `DISTRIBUTIONS`.
+        One of `ROS_DISTRIBUTIONS`.
 
     Raises
     ------
     ConfigError
-        If there is none of this name.
+        If there is no distribution with this name.
     """
-    check_choice("distro", name, DISTRIBUTIONS)
-    return DISTRIBUTIONS[name]
+    check_choice("distro", name, ROS_DISTRIBUTIONS)
+    return ROS_DISTRIBUTIONS[name]
 
 
 class ParametersChanged(UserWarning):
-    """Values of a robot's own parameters are others in an export."""
+    """A warning that an export changes values of the robot's parameters."""
 
 
 class RobotWarning(UserWarning):
-    """A robot's own parameters do not go with an export."""
+    """A warning that the robot's parameters do not fit an export."""
 
 
 @dataclass(frozen=True)
 class Nav2Robot:
-    """A robot's own parameters of Nav2, into which ours are merged."""
+    """A robot's Nav2 parameters, into which an export merges its parameters."""
 
-    distribution: Distribution
-    """The distribution of ROS 2 that it runs."""
+    distribution: RosDistribution
+    """The robot's distribution of ROS 2."""
     files: tuple[Path, ...]
-    """The files of its parameters, of which later ones replace single ones of earlier ones."""
+    """The parameter files; parameters of later files replace earlier ones."""
     parameters: Nav2Parameters
-    """The parameters in the files; none without a file."""
+    """The parameters in the files; empty without a file."""
     tree: Path | None = None
-    """The file of its behaviour tree, if it is given."""
+    """The file of the robot's behaviour tree, if any."""
 
     @classmethod
-    def from_files(cls, params: Params, distro: str, tree: str | Path | None = None) -> Nav2Robot:
-        """Read the files and warn of the distribution's faults; a LocplanError where it cannot."""
+    def from_files(
+        cls, params: ParameterFiles, distro: str, tree: str | Path | None = None
+    ) -> Nav2Robot:
+        """Read the parameter files, and warn of the distribution's faults."""
         paths = [params] if isinstance(params, (str, os.PathLike)) else params or ()
         files = tuple(map(Path, paths))
         tree_path = Path(tree) if tree else None
-        robot = cls(find_distribution(distro), files, read_parameters(*files), tree_path)
+        robot = cls(find_ros_distribution(distro), files, read_parameters(*files), tree_path)
         robot.distribution.warn()
         robot.warn(robot._note_misspelt_plugins())
         return robot
 
     @property
-    def file(self) -> Path | None:
-        """The file with its global costmap or planners, or the first one; None without a file."""
+    def main_file(self) -> Path | None:
+        """The file with the global costmap or the planners, or the first; None without files."""
         nodes = GLOBAL_COSTMAP, PLANNER_SERVER
         having = (self.parameters.find_file_index(node) for node in nodes)
         at = next((at for at in having if at is not None), 0)
@@ -238,26 +240,28 @@ class Nav2Robot:
 
     @property
     def other_files(self) -> list[str]:
-        """Names of its other files."""
-        return [parameter_file.name for parameter_file in self.files if parameter_file != self.file]
+        """Names of the other files."""
+        return [
+            parameter_file.name for parameter_file in self.files if parameter_file != self.main_file
+        ]
 
     @property
     def planners(self) -> dict[str, str]:
-        """The plugin of each of its planners by name, as it is written from Jazzy on."""
+        """The plugin of each planner by the planner's name, spelled as from Jazzy on."""
         types = read_planner_types(self.parameters)
         return {name: plugin.replace("/", "::") for name, plugin in types.items()}
 
-    def planner(self, cells: int) -> str:
-        """Its first planner that follows masks, as `PLANNERS` names it, or one for that many cells.
+    def select_planner(self, n_cells: int) -> str:
+        """Return the robot's first planner that follows masks, otherwise one for the map's size.
 
-        Nav2 plans once a second, which Smac 2D does on small maps only.
+        Nav2 plans once a second; Smac 2D manages that only on small maps.
         """
         supported_planners = {
             nav_planner.plugin: name
             for name, nav_planner in PLANNERS.items()
             if not nav_planner.caveat
         }
-        added = "smac2d" if cells <= 1_000_000 else "thetastar"
+        added = "smac2d" if n_cells <= 1_000_000 else "thetastar"
         return next(
             (
                 supported_planners[nav_planner]
@@ -268,20 +272,20 @@ class Nav2Robot:
         )
 
     def warn(self, notes: Iterator[str]) -> None:
-        """Warn of what does not go together."""
+        """Issue a RobotWarning for each note, with the name of the file."""
         for note in notes:
-            name = f"{self.file.name}: " if self.file else ""
+            name = f"{self.main_file.name}: " if self.main_file else ""
             warnings.warn(RobotWarning(f"{name}{note}"), stacklevel=4)
 
     def warn_changed(self, merged: Nav2Parameters) -> None:
-        """Warn of values of its file that are others in an export."""
+        """Warn of values of the robot's file that an export changes."""
         changed, _ = describe_differences(self.parameters.content, merged.content)
-        if self.file and changed:
-            sentence = f"the exported nav2.yaml has other values than {self.file.name}"
+        if self.main_file and changed:
+            sentence = f"the exported nav2.yaml changes values of {self.main_file.name}"
             warnings.warn(ParametersChanged(f"{sentence}: {'; '.join(changed)}"), stacklevel=5)
 
     def note_other_planners(self, planner_name: str) -> Iterator[str]:
-        """That ours stands beside its own planners, and why."""
+        """Yield a note if the export adds a planner to the robot's planners, with the reason."""
         caveats = {nav_planner.plugin: nav_planner.caveat for nav_planner in PLANNERS.values()}
         other_planners = [
             f"{name} ({plugin})" for name, plugin in self.planners.items() if name != planner_name
@@ -289,23 +293,22 @@ class Nav2Robot:
         if other_planners and planner_name not in self.planners:
             reason = next((f": {caveats[p]}" for p in self.planners.values() if caveats.get(p)), "")
             yield (
-                f"its planners are {', '.join(other_planners)}{reason}; {planner_name} is added"
-                " for the mask, and"
-                " plans only where it is selected, as the folder's README.md says"
+                f"its planners are {', '.join(other_planners)}{reason}; the export adds"
+                f" {planner_name} for the mask. Select it as described in the folder's README.md"
             )
 
     def note_speed_filters(self, filter_name: str) -> Iterator[str]:
-        """That another speed filter limits the same robot."""
-        advice = "both publish limits, and the one that came last counts: merge the masks, or leave"
+        """Yield a note for each other speed filter of the robot."""
+        advice = "both publish limits, and the last one applies; merge the masks, or remove one"
         for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
             for name, value in self.parameters.read_node_parameters(costmap).items():
                 layer, _, last = name.rpartition(".")
                 if last == "plugin" and layer != filter_name and str(value).endswith("SpeedFilter"):
                     costmap_name = costmap.partition("/")[0]
-                    yield f"{costmap_name} has a speed filter, {layer}; {advice} one out"
+                    yield f"{costmap_name} has a speed filter, {layer}; {advice}"
 
     def note_larger_radius(self, radius: float) -> Iterator[str]:
-        """That it is larger than the robot that lanes were made for."""
+        """Yield a note if the robot is larger than the radius that routes are planned for."""
         robot_radius = self.parameters.read_node_parameters(GLOBAL_COSTMAP).get("robot_radius")
         if (
             isinstance(robot_radius, (int, float))
@@ -313,32 +316,34 @@ class Nav2Robot:
             and math.isfinite(robot_radius)
         ):
             yield (
-                f"its robot_radius is {robot_radius:g} m, but the ways are for {radius:g} m; give"
+                f"its robot_radius is {robot_radius:g} m, but the routes are for {radius:g} m; give"
                 f" --set footprint={robot_radius:g}"
             )
 
     def _note_misspelt_plugins(self) -> Iterator[str]:
-        """That its planners are written as in another distribution."""
+        """Yield a note for each planner whose plugin is spelled as in another distribution."""
         server = self.parameters.read_node_parameters(PLANNER_SERVER)
         for name in self.planners:
             plugin = str(server.get(f"{name}.plugin", ""))
-            if "/" in plugin and not self.distribution.slashes:
-                yield f"{name} is {plugin}, as in humble; give --distro humble if that runs there"
-            elif "::" in plugin and self.distribution.slashes:
-                yield f"{name} is {plugin}, as from jazzy on, but humble has / for ::"
+            if "/" in plugin and not self.distribution.has_slashed_plugins:
+                yield f"{name} is {plugin}, as in humble; give --distro humble if the robot runs it"
+            elif "::" in plugin and self.distribution.has_slashed_plugins:
+                yield f"{name} is {plugin}, as from jazzy on, but humble needs / instead of ::"
 
 
-def add_filter(robot: Nav2Robot, *kinds: str) -> Nav2Parameters:
-    """Parameters with our filters in the global costmap, and in its list of them."""
+def add_filters(robot: Nav2Robot, *kinds: str) -> Nav2Parameters:
+    """Return the robot's parameters with the export's filters in the global costmap."""
     names = robot.parameters.read_names(GLOBAL_COSTMAP, "filters")
     changes: dict[str, Any] = {}
     for kind in kinds:
-        base = f"localizability_{kind}"  # topics are absolute: Kilted first resolves others
+        base = (
+            f"localizability_{kind}"  # topics are absolute: only from Kilted on are others resolved
+        )
         plugin = f"{base}_filter"
         filter_settings = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
         filter_settings |= {"filter_info_topic": f"/{base}_info"}
         if kind == "speed":
-            # The controller server obeys this one.
+            # The controller server listens to this topic.
             filter_settings |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
         names = names if plugin in names else [*names, plugin]
         changes |= _prefix_settings(plugin, filter_settings)
@@ -346,23 +351,27 @@ def add_filter(robot: Nav2Robot, *kinds: str) -> Nav2Parameters:
 
 
 def add_planner(
-    robot: Nav2Robot, merged: Nav2Parameters, conversion: Conversion
+    robot: Nav2Robot, merged: Nav2Parameters, conversion: MaskConversion
 ) -> tuple[Nav2Parameters, str]:
-    """Parameters with the planner that a conversion is for, and the planner's name.
+    """Return parameters with the planner of a mask, and the planner's name.
 
-    A planner of the same kind that is there keeps its name and its other settings, also a longer
-    time for planning; besides others ours gets a name of its own.
+    An existing planner of the same type keeps its name and its other settings, including a longer
+    planning time. Next to planners of other types, the planner is named Localizability.
     """
     planner, runs = conversion.planner, robot.distribution
     server, names = merged.read_node_parameters(PLANNER_SERVER), list(robot.planners)
     same_type = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
     name = same_type[0] if same_type else "Localizability" if names else "GridBased"
-    plugin = planner.plugin.replace("::", "/") if runs.slashes else planner.plugin
-    planner_settings: dict[str, Any] = {"plugin": plugin, "allow_unknown": False, **planner.assumed}
-    if not runs.quadratic_penalty:
+    plugin = planner.plugin.replace("::", "/") if runs.has_slashed_plugins else planner.plugin
+    planner_settings: dict[str, Any] = {
+        "plugin": plugin,
+        "allow_unknown": False,
+        **planner.fixed_parameters,
+    }
+    if not runs.has_quadratic_penalty:
         planner_settings.pop("use_quadratic_cost_penalty", None)
     if planner.parameter is not None:
-        planner_settings[planner.parameter] = float(conversion.param)
+        planner_settings[planner.parameter] = float(conversion.parameter_value)
     if planner.planning_time is not None:
         user_time = server.get(f"{name}.max_planning_time") if same_type else None
         longer = float(user_time) if isinstance(user_time, (int, float)) else 0.0
@@ -371,12 +380,17 @@ def add_planner(
         del planner_settings["plugin"]
     planner_list = names if name in names else [*names, name]
     changes = {"planner_plugins": planner_list, **_prefix_settings(name, planner_settings)}
-    for other, other_type in robot.planners.items():  # Nav2 fills in a type of its own list only
+    for (
+        other,
+        other_type,
+    ) in robot.planners.items():  # Nav2 fills in types only for its default list
         if planner_list != names and other_type and f"{other}.plugin" not in server:
-            changes[f"{other}.plugin"] = other_type.replace("::", "/" if runs.slashes else "::")
+            changes[f"{other}.plugin"] = other_type.replace(
+                "::", "/" if runs.has_slashed_plugins else "::"
+            )
     return merged.with_values(PLANNER_SERVER, changes), name
 
 
 def _prefix_settings(name: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings of a plugin by their names in ROS."""
+    """Return the settings of a plugin by their ROS parameter names."""
     return {f"{name}.{key}": value for key, value in settings.items()}

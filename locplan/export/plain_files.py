@@ -1,4 +1,4 @@
-"""Paths and fields as files that anything reads."""
+"""Paths and fields as files in common formats."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from locplan import __version__
 from locplan._support.files import check_target
 from locplan._support.output import replace_file
 from locplan._support.tables import write_csv
-from locplan.export.registry import FRAME
+from locplan.export.registry import DEFAULT_FRAME
 from locplan.field.field import CovarianceField
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
@@ -21,31 +21,35 @@ PATH_SUFFIXES = ".csv", ".json", ".geojson", ".yaml"
 
 
 def write_path_file(
-    path: str | os.PathLike[str], route: Path, *, frame: str = FRAME, step: float | None = None
+    path: str | os.PathLike[str],
+    route: Path,
+    *,
+    frame: str = DEFAULT_FRAME,
+    step: float | None = None,
 ) -> None:
     """Write a path; the suffix chooses the format.
 
-    .csv: x, y, heading and distance travelled, a position a row. .json: those by name. .geojson:
-    `Path.to_geojson`. .yaml: `Path.to_nav_msgs`, as
-    ``ros2 topic pub --once /plan nav_msgs/msg/Path "$(cat FILE)"`` takes it. Positions without a
-    heading face the way they go.
+    .csv has x, y, heading and distance travelled, a position per row. .json has the same by name.
+    .geojson is `Path.to_geojson`. .yaml is `Path.to_nav_msgs`, for
+    ``ros2 topic pub --once /plan nav_msgs/msg/Path "$(cat FILE)"``. Positions without a heading
+    face along the path.
 
     Parameters
     ----------
-    write_path_file : path
-        The file, named *.csv, *.json, *.geojson or *.yaml; one that is there is replaced.
+    path : path
+        The file *.csv, *.json, *.geojson or *.yaml; an existing file is replaced.
     route : Path
         The path.
     frame : str, default "map"
         Frame of the coordinates.
     step : float, optional
-        Maximum distance of the positions [m], above 0, as a controller may want them: further
-        ones between the path's corners, which are all there is by default.
+        Maximum distance between positions [m], above 0, as some controllers need. By default the
+        file has only the path's corners.
 
     Raises
     ------
     LocplanError
-        If the suffix is another, or the file cannot be written.
+        If the suffix is unknown, or the file cannot be written.
     """
     file = FilePath(path)
     check_target(file, *PATH_SUFFIXES)
@@ -63,7 +67,7 @@ def write_path_file(
         text = json.dumps(content, indent=1)
     elif suffix == ".geojson":
         text = json.dumps(route.to_geojson(frame=frame))
-    else:  # YAML, whose lines hold JSON: a pose a line
+    else:  # YAML with a pose per line, each in JSON
         fields = route.to_nav_msgs(frame=frame)
         lines = [f"header: {json.dumps(fields['header'])}", "poses:"]
         text = "\n".join([*lines, *(f"- {json.dumps(pose)}" for pose in fields["poses"])])
@@ -71,22 +75,22 @@ def write_path_file(
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def write_field_file(path: str | os.PathLike[str], computed: CovarianceField) -> None:
-    """Write a field, as `CovarianceField.save`, with the degeneracy "u_map" of the map's cells.
+def write_field_file(path: str | os.PathLike[str], field: CovarianceField) -> None:
+    """Write a field like `CovarianceField.save`, and the degeneracy of the map's cells as "u_map".
 
-    ``numpy.load`` reads it without locplan. "u_map" merges several headings by their mean
+    ``numpy.load`` reads the file without locplan. "u_map" combines several headings by their mean
     information.
 
     Parameters
     ----------
     path : path
-        The file, named *.npz; one that is there is replaced.
-    computed : CovarianceField
+        The file *.npz; an existing file is replaced.
+    field : CovarianceField
         The field.
 
     Raises
     ------
     LocplanError
-        If the suffix is another, or the file cannot be written.
+        If the suffix is unknown, or the file cannot be written.
     """
-    computed.save(path, extra_arrays={"u_map": Costmap.from_field(computed).u})
+    field.save(path, extra_arrays={"u_map": Costmap.from_field(field).u})

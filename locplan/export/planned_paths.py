@@ -1,4 +1,4 @@
-"""Paths that a planner of Nav2 takes on a costmap with a mask, and gaps that a mask closes."""
+"""Paths of Nav2's planners on a costmap with a mask, and gaps that a mask closes."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from locplan.errors import ConfigError, PoseError
 from locplan.export.masks import (
     INSCRIBED,
     LETHAL,
-    Conversion,
     CostmapInflation,
+    MaskConversion,
     NavPlanner,
     PlannedPath,
-    follower_room,
-    mask_density,
+    compute_follower_room,
+    compute_mask_density,
 )
 from locplan.export.parameters import Nav2Robot
 from locplan.maps.grid import OccupancyGrid
@@ -30,8 +30,8 @@ from locplan.planning.plans import plan
 from locplan.robots.parameters import PLANNER_SERVER
 
 Position = tuple[float, float]
-PRICE_DISTANCE = 0.4
-"""Distance beyond the robot at which the prices of inflated cells are compared [m]."""
+COMPARISON_DISTANCE = 0.4
+"""Distance from the robot's edge at which costs of inflated cells are compared [m]."""
 
 
 def compute_costmap_costs(
@@ -39,19 +39,19 @@ def compute_costmap_costs(
     values: NDArray[np.int8] | None = None,
     inflation: CostmapInflation | None = None,
 ) -> Floats:
-    """The costs 0..254 of a costmap, (H, W): the larger one of the inflation's and the mask's.
+    """Return the costs 0..254 of a costmap, (H, W): the larger value of inflation and mask.
 
-    Unknown cells are lethal, as to a planner with ``allow_unknown: false``.
+    Unknown cells are lethal, as for a planner with ``allow_unknown: false``.
     """
     walls = np.where(grid.cells == OCCUPIED, float(LETHAL), 0.0)
-    cost = inflation.costs(grid) if inflation else walls
+    cost = inflation.compute_costs(grid) if inflation else walls
     if values is not None:
         cost = np.maximum(cost, np.floor(np.maximum(values, 0) * 2.54 + 0.5))
     return np.where(grid.free | (grid.cells == OCCUPIED), cost, LETHAL)
 
 
-def unblock_costmap(costs: Costmap) -> Costmap:
-    """The costmap without the robot's radius, for the paths of a smaller robot; walls stay."""
+def ignore_robot_radius(costs: Costmap) -> Costmap:
+    """Return the costmap without the robot's radius, for paths of smaller robots; walls stay."""
     density = costs.unblocked_density  # zones included
     return Costmap.from_density(costs.grid, np.where(np.isnan(density), np.inf, density))
 
@@ -64,12 +64,12 @@ def simulate_nav2_planner(
     start: Position,
     goal: Position,
 ) -> Path | None:
-    """The path that a planner takes between two places on a costmap's costs; None without any.
+    """Return the path of a Nav2 planner on a costmap's costs; None without a path.
 
-    It is the cheapest by what Smac and Theta* charge, over neighbouring cells or at any angle, and
-    not smoothed.
+    The path is the cheapest by the planner's formula, over neighbouring cells for Smac and at any
+    angle for Theta*, and not smoothed.
     """
-    density = 1 + planner.excess(np.minimum(cost, 252), param)
+    density = 1 + planner.compute_excess(np.minimum(cost, 252), param)
     density[cost >= INSCRIBED] = np.inf
     costs = Costmap.from_density(grid, density)
     if planner.any_angle:
@@ -78,8 +78,8 @@ def simulate_nav2_planner(
 
 
 def check_paths(costs: Costmap, paths: Mapping[str, Path]) -> None:
-    """Raise a ConfigError if a path is no way on the map."""
-    free = unblock_costmap(costs)
+    """Raise a ConfigError if a path has no length or leaves the map's free space."""
+    free = ignore_robot_radius(costs)
     for name, path in paths.items():
         if not 0 < path_metrics(free, path).cost < math.inf:
             raise ConfigError(
@@ -90,19 +90,21 @@ def check_paths(costs: Costmap, paths: Mapping[str, Path]) -> None:
 def compare_nav2_paths(
     costs: Costmap,
     values: NDArray[np.int8],
-    conversion: Conversion,
+    conversion: MaskConversion,
     paths: Mapping[str, Path],
     layer: CostmapInflation | None,
 ) -> Iterator[PlannedPath]:
-    """The paths of a mask's planner between the ends of others; none of one without a formula.
+    """Yield the path of a mask's planner between the ends of each recommended path, compared.
 
-    The costmap has this inflation layer.
+    Nothing is yielded for a planner that does not follow masks.
     """
     if conversion.planner.caveat or not paths:
         return
     cost = compute_costmap_costs(costs.grid, values, layer)
     for name, path in paths.items():
-        yield compare_nav2_path(costs, cost, conversion.planner, conversion.param, name, path)
+        yield compare_nav2_path(
+            costs, cost, conversion.planner, conversion.parameter_value, name, path
+        )
 
 
 def suggest_inflation(
@@ -110,59 +112,68 @@ def suggest_inflation(
     values: NDArray[np.int8],
     robot: Nav2Robot,
     untaken_paths: Sequence[PlannedPath],
-    conversion: Conversion,
+    conversion: MaskConversion,
     paths: Mapping[str, Path],
     layer: CostmapInflation,
 ) -> str:
-    """The steeper inflation with which a mask's planner takes paths that it left, in sentences.
+    """Return advice for a steeper inflation if a mask's planner then takes more of the paths.
 
-    They name what it costs: obstacles that the sensors see inflate less, too. Empty if no path is
-    taken with it.
+    The advice names the drawback: obstacles that the sensors see inflate less. It is empty if a
+    steeper inflation does not help.
     """
-    steeper, planner = layer.steeper, conversion.planner
+    steeper, planner = layer.steep_variant, conversion.planner
     if steeper is None:
         return ""
     cost = compute_costmap_costs(costs.grid, values, steeper)
     steep_paths = (
-        compare_nav2_path(costs, cost, planner, conversion.param, p.name, paths[p.name])
+        compare_nav2_path(costs, cost, planner, conversion.parameter_value, p.name, paths[p.name])
         for p in untaken_paths
     )
     path_texts = [
-        f"{nav2_path.name} ({nav2_path.text})" for nav2_path in steep_paths if nav2_path.follows
+        f"{nav2_path.name} ({nav2_path.verdict_text})"
+        for nav2_path in steep_paths
+        if nav2_path.is_equivalent
     ]
     if not path_texts:
         return ""
     server = robot.parameters.read_node_parameters(PLANNER_SERVER)
     names = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
-    today = server.get(f"{names[0]}.{planner.parameter}", planner.default) if names else None
-    today = planner.default if not isinstance(today, (int, float)) else float(today)
+    current = (
+        server.get(f"{names[0]}.{planner.parameter}", planner.default_parameter) if names else None
+    )
+    current = planner.default_parameter if not isinstance(current, (int, float)) else float(current)
 
-    def price(inflation: CostmapInflation, parameter: float) -> float:
+    def compute_price(inflation: CostmapInflation, parameter: float) -> float:
         return float(
-            planner.excess(np.array(252 * inflation.share_beyond(PRICE_DISTANCE)), parameter)
+            planner.compute_excess(
+                np.array(252 * inflation.compute_cost_share(COMPARISON_DISTANCE)), parameter
+            )
         )
 
     yours, factor = layer.inflation.cost_scaling_factor, steeper.inflation.cost_scaling_factor
     return (
         f"{planner.name} takes {', '.join(path_texts)} if global_costmap has"
         f" {layer.layer}.cost_scaling_factor: {factor:.1f} (yours is {yours:g}). Obstacles that the"
-        f" sensors see then inflate less: {PRICE_DISTANCE:g} m beyond the robot a cell costs"
-        f" {price(steeper, conversion.param):.2f} per metre instead of"
-        f" {price(layer, conversion.param):.2f} ({price(layer, today):.2f} without the mask's"
-        f" {planner.parameter})"
+        f" sensors see then inflate less: {COMPARISON_DISTANCE:g} m beyond the robot a cell costs"
+        f" {compute_price(steeper, conversion.parameter_value):.2f} per metre instead of"
+        f" {compute_price(layer, conversion.parameter_value):.2f}"
+        f" ({compute_price(layer, current):.2f} without the mask's {planner.parameter})"
     )
 
 
 def compare_nav2_path(
     costs: Costmap, cost: Floats, planner: NavPlanner, param: float, name: str, path: Path
 ) -> PlannedPath:
-    """The path that a planner takes between the ends of a recommended one, beside it."""
-    free, nav2_path = unblock_costmap(costs), plan_between_ends(costs, cost, planner, param, path)
+    """Return the path that a planner takes between the ends of a recommended path, compared."""
+    free, nav2_path = (
+        ignore_robot_radius(costs),
+        plan_between_ends(costs, cost, planner, param, path),
+    )
     if nav2_path is None:
         return PlannedPath(name, planner.name, math.nan, math.nan, math.nan)
     recommended = path_metrics(free, path).cost
-    xy, clearance = measure_clearance(costs.grid, nav2_path)
-    narrowest, room = find_narrowest(xy, clearance)
+    xy, clearance = sample_clearance(costs.grid, nav2_path)
+    narrowest, room = find_narrowest_place(xy, clearance)
     return PlannedPath(
         name,
         planner.name,
@@ -178,7 +189,7 @@ def compare_nav2_path(
 def plan_between_ends(
     costs: Costmap, cost: Floats, planner: NavPlanner, param: float, path: Path
 ) -> Path | None:
-    """The path of a planner between the ends of another; None without any."""
+    """Return the path of a planner between the ends of another path; None without a path."""
     ends: tuple[Position, Position] = tuple(map(tuple, path.xy[[0, -1]]))  # type: ignore[assignment]
     try:
         return simulate_nav2_planner(planner, param, costs.grid, cost, *ends)
@@ -187,11 +198,11 @@ def plan_between_ends(
 
 
 def compute_roomy_cost(costs: Costmap, path: Path) -> float:
-    """J of the best path that keeps a follower's room, between the ends of another; 0 without any.
+    """Return J of the best path with room for a follower between the ends of another path.
 
-    The recommended path may pass where a follower stops.
+    The recommended path may pass places where a follower stops. Without such a path, J is 0.
     """
-    density = mask_density(costs)
+    density = compute_mask_density(costs)
     density[np.isinf(costs.density) | np.isnan(density)] = np.inf
     roomy = Costmap.from_density(costs.grid, density)
     start, goal = map(tuple, path.xy[[0, -1]])
@@ -199,21 +210,21 @@ def compute_roomy_cost(costs: Costmap, path: Path) -> float:
         best = plan(roomy, start, goal, planner="grid", allow_corner_cutting=True).path
     except PoseError:
         return 0.0
-    return path_metrics(unblock_costmap(costs), best).cost if best else 0.0
+    return path_metrics(ignore_robot_radius(costs), best).cost if best else 0.0
 
 
-def measure_clearance(grid: OccupancyGrid, path: Path) -> tuple[Floats, Floats]:
-    """Positions (n, 2) along a path a cell apart, and the distance from walls of each [m]."""
+def sample_clearance(grid: OccupancyGrid, path: Path) -> tuple[Floats, Floats]:
+    """Return positions (n, 2) along a path, a cell apart, and their distances from walls [m]."""
     xy = path.resample(grid.resolution).xy
     rows, cols = (values.astype(int) for values in grid.world_to_grid(*xy.T))
     rows, cols = np.clip(rows, 0, grid.shape[0] - 1), np.clip(cols, 0, grid.shape[1] - 1)
     return xy, grid.clearance[rows, cols]
 
 
-def find_narrowest(xy: Floats, clearance: Floats) -> tuple[Position, float]:
-    """Position and distance from walls of the narrowest place; infinite on a short path.
+def find_narrowest_place(xy: Floats, clearance: Floats) -> tuple[Position, float]:
+    """Return position and wall distance of the narrowest place; infinite on a short path.
 
-    Half a metre at both ends does not count: docks are at walls.
+    Half a metre at both ends is ignored, because docks are at walls.
     """
     end_distances = np.minimum(np.hypot(*(xy - xy[0]).T), np.hypot(*(xy - xy[-1]).T))
     inner = np.flatnonzero(end_distances > 0.5)
@@ -224,29 +235,29 @@ def find_narrowest(xy: Floats, clearance: Floats) -> tuple[Position, float]:
 
 
 MAX_GAPS = 8
-"""Maximum number of gaps that are closed for a path."""
+"""Maximum number of closed gaps."""
 MAX_DETOUR = 1.05
-"""Maximum J of a path without a gap, over that of the path through it."""
-LARGE = 1.0
-"""Size of a part of the free space that must stay reachable [m²]."""
-CLOSED = 100
-"""Value of a mask that is lethal."""
+"""Maximum ratio of J of a path around a gap to that of the path through it."""
+MIN_REGION_AREA = 1.0
+"""Minimum area of a region that must stay reachable [m²]."""
+LETHAL_VALUE = 100
+"""The lethal value of a mask."""
 
 Gap = tuple[float, float, float]
-"""Position of a gap, and its distance from walls [m]."""
+"""Position and wall distance of a gap [m]."""
 
 
 def close_gaps(
     costs: Costmap,
     values: NDArray[np.int8],
-    conversion: Conversion,
+    conversion: MaskConversion,
     paths: Mapping[str, Path],
     layer: CostmapInflation | None,
 ) -> tuple[NDArray[np.int8], list[Gap]]:
-    """Return a mask without the gaps in which a follower of planned paths stops, and these gaps.
+    """Return a mask with narrow gaps on the planner's paths closed, and these gaps.
 
-    A gap is closed only if the planner then takes a path with more room that costs little more,
-    and no part of the free space is cut off.
+    A gap is closed only if the planner then finds a path with more room that costs little more, and
+    no region of the free space is cut off.
 
     Parameters
     ----------
@@ -254,27 +265,27 @@ def close_gaps(
         The costmap of the mask.
     values : (H, W) array of int8
         The mask.
-    conversion : Conversion
+    conversion : MaskConversion
         The planner with its parameter.
     paths : dict of Path
-        Recommended paths, between whose ends the planner plans.
+        Recommended paths; the planner plans between their ends.
     layer : CostmapInflation or None
         The inflation of the robot's costmap.
     """
     gaps: list[Gap] = []
     for path in paths.values():
-        before = _Trial(costs, values, conversion, path, layer)
+        before = _PlannerTrial(costs, values, conversion, path, layer)
         while before.path and len(gaps) < MAX_GAPS:
-            (x, y), clearance = find_narrowest(before.xy, before.clearance)
+            (x, y), clearance = find_narrowest_place(before.xy, before.clearance)
             if not _is_gap(costs, before.xy, (x, y), clearance):
                 break
             gap_distances = _compute_distances(costs, (x, y))
             disc = costs.grid.free & (gap_distances <= clearance + 1.5 * costs.grid.resolution)
-            if (disc & _find_end_cells(costs, path)).any():
+            if (disc & _find_end_discs(costs, path)).any():
                 break
             trial_values = values.copy()
-            trial_values[disc] = CLOSED
-            after = _Trial(costs, trial_values, conversion, path, layer)
+            trial_values[disc] = LETHAL_VALUE
+            after = _PlannerTrial(costs, trial_values, conversion, path, layer)
             wider = after.path is not None and after.shortfall < 0.8 * before.shortfall
             if (
                 not wider
@@ -288,7 +299,7 @@ def close_gaps(
 
 
 def note_narrow_places(paths: Sequence[PlannedPath], radius: float) -> Iterator[str]:
-    """Yield a note for each path on which a follower lacks room, with the place.
+    """Yield a note for each path on which a follower lacks room, with the narrowest place.
 
     Parameters
     ----------
@@ -297,47 +308,47 @@ def note_narrow_places(paths: Sequence[PlannedPath], radius: float) -> Iterator[
     radius : float
         Radius of the robot, with its margin [m].
     """
-    room = follower_room(radius)
+    room = compute_follower_room(radius)
     for nav2_path in paths:
         if nav2_path.room < room and not math.isnan(nav2_path.ratio):
             x, y = nav2_path.narrowest
             yield (
                 f"{nav2_path.planner}'s path for {nav2_path.name} passes {nav2_path.room:.2f} m"
-                " from walls at"
-                f" ({x:.2f}, {y:.2f}); path followers may stop below {room:.2f} m, so try this"
-                " place first"
+                f" from walls at ({x:.2f}, {y:.2f}); path followers may stop below {room:.2f} m,"
+                " so test this place first"
             )
 
 
-class _Trial:
-    """The path that a planner takes on a mask."""
+class _PlannerTrial:
+    """A planner's path on a mask, with its cost and its lack of room."""
 
     def __init__(
         self,
         costs: Costmap,
         values: NDArray[np.int8],
-        conversion: Conversion,
+        conversion: MaskConversion,
         path: Path,
         layer: CostmapInflation | None,
     ) -> None:
         cost = compute_costmap_costs(costs.grid, values, layer)
-        self.path = plan_between_ends(costs, cost, conversion.planner, conversion.param, path)
+        self.path = plan_between_ends(
+            costs, cost, conversion.planner, conversion.parameter_value, path
+        )
         if self.path is None:
             return
-        self.cost = path_metrics(unblock_costmap(costs), self.path).cost
-        self.xy, self.clearance = measure_clearance(costs.grid, self.path)
-        lacking = follower_room(costs.robot_radius) - self.clearance
-        # Narrow places count more than proportionally: one of 0.33 m stops a robot more often
-        # than three of 0.42 m.
+        self.cost = path_metrics(ignore_robot_radius(costs), self.path).cost
+        self.xy, self.clearance = sample_clearance(costs.grid, self.path)
+        lacking = compute_follower_room(costs.robot_radius) - self.clearance
+        # Squared, because one place of 0.33 m stops a robot more often than three of 0.42 m.
         self.shortfall = float((np.maximum(lacking, 0) ** 2).sum())
 
 
 def _is_gap(costs: Costmap, xy: Floats, at: tuple[float, float], clearance: float) -> bool:
-    """True if walls on both sides of a place on a path are too close for a follower.
+    """True if the walls on both sides of a place are too close for a follower.
 
-    A path that only passes a corner closely has room on its other side.
+    A path that passes close to a corner has room on the other side, so it is no gap.
     """
-    grid, room = costs.grid, follower_room(costs.robot_radius)
+    grid, room = costs.grid, compute_follower_room(costs.robot_radius)
     if not clearance < room:
         return False
     index = int(np.argmin(np.hypot(*(xy - at).T)))
@@ -355,8 +366,8 @@ def _is_gap(costs: Costmap, xy: Floats, at: tuple[float, float], clearance: floa
     return width < 2 * room
 
 
-def _find_end_cells(costs: Costmap, path: Path) -> Bools:
-    """Cells in which the robot stands at the ends of a path."""
+def _find_end_discs(costs: Costmap, path: Path) -> Bools:
+    """Return a mask of the cells that the robot covers at the ends of a path."""
     return np.asarray(
         np.minimum.reduce([_compute_distances(costs, tuple(xy)) for xy in path.xy[[0, -1]]])
         <= costs.robot_radius + costs.grid.resolution
@@ -364,18 +375,22 @@ def _find_end_cells(costs: Costmap, path: Path) -> Bools:
 
 
 def _compute_distances(costs: Costmap, xy: tuple[float, ...]) -> Floats:
-    """Distance of each cell from a position, (H, W) [m]."""
+    """Return the distance of each cell from a position, (H, W) [m]."""
     row, col = costs.grid.world_to_grid(*xy)
     rows, cols = np.ogrid[: costs.grid.shape[0], : costs.grid.shape[1]]
     return np.asarray(np.hypot(rows + 0.5 - row, cols + 0.5 - col) * costs.grid.resolution)
 
 
 def _cuts_off_region(costs: Costmap, values: NDArray[np.int8], disc: Bools) -> bool:
-    """True if closed cells cut off a part of the free space."""
+    """True if closing the cells of a disc cuts off a region of the free space."""
     import cv2
 
-    wide = ~costs.grid.cells_near_walls(costs.robot_radius) & costs.grid.free & (values != CLOSED)
-    min_cells = LARGE / costs.grid.resolution**2
+    wide = (
+        ~costs.grid.cells_near_walls(costs.robot_radius)
+        & costs.grid.free
+        & (values != LETHAL_VALUE)
+    )
+    min_cells = MIN_REGION_AREA / costs.grid.resolution**2
 
     def count_regions(cells: Bools) -> int:
         _, _, statistics, _ = cv2.connectedComponentsWithStats(

@@ -1,4 +1,4 @@
-"""The formats of exports, and the folders that they write whole or not at all."""
+"""Export formats, and export folders, which are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 NAV2_FILES = {
     "README.md": "how to use them in Nav2",
-    "nav2.yaml": "Nav2's parameters, with these files in use",
+    "nav2.yaml": "Nav2's parameters, with these files active",
     "graph.geojson": "the route graph for Nav2's route server",
     "mask.yaml": "the mask, as a map of Nav2",
     "speed_mask.yaml": "the speeds in slow zones, as a map of Nav2",
@@ -32,22 +32,22 @@ NAV2_FILES = {
 }
 """Purpose of the files for Nav2 by name, the most useful first."""
 METADATA_FILE = "export.json"
-"""The file of a folder that says what it was made of."""
+"""The file that records the input of an export."""
 Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
 """A distribution of ROS 2."""
-DISTRO: Distro = "jazzy"
-"""The distribution by default."""
-FRAME = "map"
-"""The frame of the coordinates by default."""
-SLOWEST = 0.3
-"""Share of the speed that a speed mask leaves where u is 1, by default."""
-LEAD = 0.5
-"""Distance before a place at which its speed limit begins, by default [m]."""
+DEFAULT_DISTRO: Distro = "jazzy"
+"""The default distribution."""
+DEFAULT_FRAME = "map"
+"""The default frame of the coordinates."""
+DEFAULT_SLOWEST = 0.3
+"""Default share of the speed that a speed mask allows at u = 1."""
+DEFAULT_LEAD = 0.5
+"""Default distance before a place at which its speed limit begins [m]."""
 
 
 @dataclass(frozen=True)
 class ExportJob:
-    """The objects to export."""
+    """The input of an export."""
 
     costs: Costmap
     """The costmap, with its map."""
@@ -58,13 +58,13 @@ class ExportJob:
     robot: Robot | None = None
     """The robot; None if it is not known."""
     recommendation: Recommendation | None = None
-    """The choice that the costs and the path are of; None without one."""
+    """The recommendation that the costs and the path come from; None without one."""
     force: bool = False
     """True overwrites files of the same names in a folder; others stay."""
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
-        """What people are to do before they use an export: a label and a text each."""
+    def advice_rows(self) -> list[tuple[str, str]]:
+        """Steps to take before using the export: a label and a text each."""
         return (
             [("first", sentence) for sentence in self.recommendation.advice]
             if self.recommendation
@@ -75,14 +75,14 @@ class ExportJob:
     def from_recommendation(
         cls, recommendation: Recommendation, field: CovarianceField
     ) -> ExportJob:
-        """The objects of a choice.
+        """Return the job that exports a recommendation.
 
         Parameters
         ----------
         recommendation : Recommendation
-            A choice with a path.
+            A recommendation with a path.
         field : CovarianceField
-            The field of its map, by the choice's `config`.
+            The field of its map, with the recommendation's `config`.
         """
         recommendation = recommendation.with_field(field)
         paths = {
@@ -105,22 +105,25 @@ class ExportJob:
         field: CovarianceField,
         paths: Mapping[str, Route],
     ) -> ExportJob:
-        """The paths of choices, with further ones, on the costmap of the first choice's field.
+        """Return the job that exports the paths of recommendations, and additional paths.
+
+        The costmap comes from the first recommendation.
 
         Parameters
         ----------
         recommendations : mapping of str to Recommendation
-            Choices on one map by the names that their paths get; those without a path are left out.
+            Recommendations on one map, by the names of their paths. Recommendations without a path
+            are skipped.
         field : CovarianceField
-            The field of the map, by the choices' `config`.
+            The field of the map, with the recommendations' `config`.
         paths : mapping of str to Path
-            The further paths by name.
+            The additional paths by name.
 
         Raises
         ------
         ConfigError
-            If the choices differ in the map, the field or the robot's size, or two paths have one
-            name.
+            If the recommendations differ in the map, the field or the robot's size, or two paths
+            have the same name.
         """
         name, first = next(iter(recommendations.items()))
         for other, recommendation in recommendations.items():
@@ -128,18 +131,18 @@ class ExportJob:
                 *(first.map, first.config, first.robot.radius),
             ):
                 raise ConfigError(
-                    f"the choices {name} and {other} differ in the map, the field or the robot's"
-                    " size; export them separately"
+                    f"the recommendations {name} and {other} differ in the map, the field or the"
+                    " robot's size; export them separately"
                 )
             if other in paths:
-                raise ConfigError(f"a path and a choice are both named {other}; rename one")
+                raise ConfigError(f"a path and a recommendation are both named {other}; rename one")
         recommended_paths = {
             other: recommendation.path
             for other, recommendation in recommendations.items()
             if recommendation.path is not None
         }
         if not recommended_paths and not paths:
-            raise ConfigError(f"the choice {name} has no path: {first.sentence}")
+            raise ConfigError(f"the recommendation {name} has no path: {first.sentence}")
         costs = first.with_field(field).costs
         assert costs is not None
         return cls(costs, field, {**recommended_paths, **paths}, robot=first.robot)
@@ -147,59 +150,59 @@ class ExportJob:
 
 @dataclass(frozen=True)
 class ExportSummary:
-    """Facts about an export that was written."""
+    """Summary of a written export."""
 
     values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """The facts by name, fit for JSON."""
+    """Plain data by name, for JSON."""
     rows: tuple[tuple[str, str], ...] = ()
-    """The facts for people: a label and a text each."""
+    """The same for people: a label and a text each."""
 
 
-def option(default: Any, *, flag: str = "", metavar: str = "") -> Any:
-    """Return the field of an option that the command `export` has as well.
+def option_field(default: Any, *, flag: str = "", metavar: str = "") -> Any:
+    """Return a dataclass field that is also an option of the command `export`.
 
-    Its help is the first sentence below the field.
+    The option's help is the first sentence of the docstring below the field.
 
     Parameters
     ----------
     default : object
         The default.
     flag : str, optional
-        The option's name on the command line; by default that of the field.
+        The option's name on the command line; by default the field's name.
     metavar : str, optional
-        The word for the value in the help; by default that of its type.
+        The word for the value in the help; by default its type's word.
     """
     metadata = {"is_option": True, "flag": flag, "metavar": metavar}
     return dataclasses.field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True)
-class NoOptions:
-    """The options of a format that has none, and what all options are."""
+class ExportOptions:
+    """Options of a format; the base class has none."""
 
     def __post_init__(self) -> None:
-        """Raise a LocplanError where an option is wrong; each kind of options checks its own."""
+        """Raise a LocplanError if an option is invalid; subclasses check their options."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class InFrame(NoOptions):
-    """The frame of what is written."""
+class FrameOptions(ExportOptions):
+    """Options of a format with coordinates."""
 
-    frame: str = option(FRAME)
+    frame: str = option_field(DEFAULT_FRAME)
     """Frame of the coordinates."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class InDistro(NoOptions):
-    """The robot's distribution of ROS 2."""
+class DistroOptions(ExportOptions):
+    """Options of a format that depends on the robot's distribution of ROS 2."""
 
-    distro: Distro = option(DISTRO)
+    distro: Distro = option_field(DEFAULT_DISTRO)
     """Distribution of ROS 2."""
 
 
 @dataclass(frozen=True)
-class Format:
-    """A format of exports."""
+class ExportFormat:
+    """An export format."""
 
     name: str
     """The name on the command line."""
@@ -207,20 +210,20 @@ class Format:
     """A few words that describe it."""
     write: Callable[[Path, ExportJob, Any], ExportSummary]
     """The function that writes a job to a target, with an instance of `options`."""
-    options: type = NoOptions
-    """A frozen dataclass whose docstrings say what each field does; it checks itself when made."""
+    options: type = ExportOptions
+    """A frozen dataclass whose fields have docstrings; its constructor checks the options."""
     suffixes: tuple[str, ...] = ()
-    """The suffixes of a file, the usual one first; a folder has none."""
+    """The suffixes of the file, the usual one first; none for a folder."""
     purpose: str = "the export"
-    """A file's purpose, which is printed next to its name."""
+    """The file's purpose, which is printed next to its name."""
     paths: Literal["none", "one", "several"] = "none"
     """The number of paths that it takes."""
     check: Callable[[Any, int], None] = lambda options, paths: None
-    """The function that raises a ConfigError where the options and the number of paths do not go
-    together; it is called before long work."""
+    """The function that raises a ConfigError if the options do not fit the number of paths; it is
+    called before any long computation."""
 
     def check_target(self, target: Path, *, force: bool = False) -> None:
-        """Raise a LocplanError unless it can be written there; to be called before long work.
+        """Raise a LocplanError unless the target can be written; called before any computation.
 
         Parameters
         ----------
@@ -234,7 +237,7 @@ class Format:
         self._output(target, force=force).check()
 
     def export(self, target: Path, job: ExportJob, options: Any) -> ExportSummary:
-        """Write a job to a target, next to which a file gets its run.
+        """Write a job to a target; next to a file, also write its run.yaml.
 
         Parameters
         ----------
@@ -255,8 +258,8 @@ class Format:
         return Output(target, self.name, force, is_file=bool(self.suffixes), purposes=purposes)
 
 
-def list_formats() -> dict[str, Format]:
-    """All formats by name."""
+def list_formats() -> dict[str, ExportFormat]:
+    """Return all formats by name."""
     from locplan.export.formats import FORMATS
 
     return {export_format.name: export_format for export_format in FORMATS}
@@ -267,32 +270,32 @@ def export_folder(
     target: str | Path,
     readme: str,
     metadata: Mapping[str, Any],
-    force: bool,
+    template_values: Mapping[str, Any],
     *,
     purposes: Mapping[str, str] = NAV2_FILES,
-    **template_values: Any,
+    force: bool,
 ) -> Iterator[Path]:
     """Yield a new folder whose files move to `target` when the block succeeds.
 
-    It gets export.json and a README.md, the template `readme` filled with `template_values`.
-    `purposes` are those of its files by name, the most useful first.
+    The folder gets export.json with `metadata`, and README.md: the template `readme` filled with
+    `template_values`. `purposes` has the purpose of each file by name, the most useful first.
     """
     with Output(Path(target), metadata["kind"], force, purposes=purposes).writing() as folder:
         yield folder
-        (folder / "README.md").write_text(render_template(readme, **template_values), "utf-8")
+        (folder / "README.md").write_text(render_template(readme, template_values), "utf-8")
         text = json.dumps(metadata, indent=2, allow_nan=False)
         (folder / METADATA_FILE).write_text(text + "\n", "utf-8")
 
 
-def render_template(template: str, **template_values: Any) -> str:
-    """The text of one of our templates with what is known."""
+def render_template(template: str, template_values: Mapping[str, Any]) -> str:
+    """Return the text of one of this package's templates, filled with values."""
     templates = load_templates("locplan.export", keep_trailing_newline=True)
     return templates.get_template(template).render(template_values)
 
 
 def check_has_field(costs: Costmap) -> None:
-    """Raise a ConfigError unless the costmap knows how degenerate its cells are."""
+    """Raise a ConfigError unless the costmap has the degeneracy u of its cells."""
     import numpy as np
 
     if np.isnan(costs.u).all() and np.isfinite(costs.density).any():
-        raise ConfigError("this export needs a costmap made of a field (Costmap.from_field)")
+        raise ConfigError("this export needs a covariance field; use Costmap.from_field")

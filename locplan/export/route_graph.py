@@ -15,7 +15,7 @@ from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.tables import make_collection, make_feature, write_geojson
 from locplan.errors import ConfigError
 from locplan.export.parameters import Nav2Robot, make_parameter_files
-from locplan.export.registry import FRAME
+from locplan.export.registry import DEFAULT_FRAME
 from locplan.export.servers import LifecycleNode, write_servers
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
@@ -29,19 +29,18 @@ Positions = Floats
 Pairs = Ints
 """Pairs of nodes (m, 2)."""
 GraphSpace = tuple[NDArray[Any], int, tuple[Any, ...]]
-"""Half the density with its border, its columns, and the frame; see
-`locplan.export.kernels.route`.
-"""
-FINENESS = 0.02
-"""Coarsest step of single precision that is accepted [cells]."""
+"""Half the density with a border, its number of columns, and the frame, as in
+`locplan.export.kernels.route`."""
+MAX_PRECISION_STEP = 0.02
+"""Maximum step of single-precision positions [cells]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RouteGraph:
-    """Nodes and straight one-way edges, see `recommended_ways`."""
+    """A graph of nodes and straight one-way edges, see `build_recommended_routes`."""
 
     nodes: Positions
-    """World positions (n, 2) [m], exact in single precision: Nav2 keeps no more."""
+    """World positions (n, 2) [m], exact in single precision, which Nav2 uses."""
     edges: Pairs
     """Pairs of nodes (m, 2), from the first to the second."""
     length: Floats
@@ -62,7 +61,7 @@ class RouteGraph:
         return self.cost - self.length
 
     @property
-    def matrix(self) -> csr_array:
+    def cost_matrix(self) -> csr_array:
         """Cost between nodes, (n, n), for `scipy.sparse.csgraph`."""
         from scipy.sparse import coo_array, csr_array
 
@@ -70,8 +69,8 @@ class RouteGraph:
         return csr_array(coo_array((self.cost, tuple(self.edges.T)), shape=(count, count)))
 
 
-def make_space(costs: Costmap) -> GraphSpace:
-    """A costmap as the kernels of route graphs take it.
+def make_graph_space(costs: Costmap) -> GraphSpace:
+    """Return the arrays of a costmap that the kernels of route graphs need.
 
     Raises
     ------
@@ -91,8 +90,11 @@ def check_precision(grid: OccupancyGrid) -> None:
     """Raise a ConfigError if the map is too far from the world's origin for single precision."""
     x, y, _ = grid.origin
     farthest = max(abs(x), abs(y)) + math.hypot(*grid.shape) * grid.resolution
-    if np.spacing(np.float32(farthest)) > FINENESS * grid.resolution:
-        raise ConfigError(f"positions {farthest:.4g} m from the origin are too coarse for Nav2")
+    if np.spacing(np.float32(farthest)) > MAX_PRECISION_STEP * grid.resolution:
+        raise ConfigError(
+            f"the map reaches {farthest:.4g} m from the world's origin, too far for Nav2's single"
+            " precision; move the map's origin"
+        )
 
 
 MAX_ID = 2**16 - 1
@@ -102,39 +104,39 @@ SCORERS: Mapping[str, Any] = {
     "PenaltyScorer.penalty_tag": "penalty",
     "PenaltyScorer.weight": 1.0,
 }
-"""Parameters of the route server that make the cost of an edge of `to_geojson` J."""
+"""Parameters of the route server with which an edge of `graph_to_geojson` costs J."""
 
 
-def to_geojson(graph: RouteGraph, frame: str = FRAME) -> dict[str, Any]:
-    """A route graph as Nav2's route server reads it.
+def graph_to_geojson(graph: RouteGraph, frame: str = DEFAULT_FRAME) -> dict[str, Any]:
+    """Return a route graph as GeoJSON for Nav2's route server.
 
-    DistanceScorer and PenaltyScorer with their own defaults add up to J; so do DistanceScorer and
-    a PenaltyScorer of `penalty_tag: integrated_u`, with any weight. `cost` is J for a server
-    without scorers. No id is both a node's and an edge's: Nav2 blocks either by it.
+    DistanceScorer and PenaltyScorer with their defaults add up to J; so do DistanceScorer and a
+    PenaltyScorer with `penalty_tag: integrated_u` and any weight. `cost` is J for a server without
+    scorers. Nodes and edges share no id, because Nav2 blocks either by its id.
 
     Parameters
     ----------
     graph : RouteGraph
-        The graph, with an edge at least.
+        The graph, with at least one edge.
     frame : str, default "map"
         Frame of the nodes.
 
     Returns
     -------
     dict
-        A FeatureCollection, fit for JSON: the nodes as points [m], and then the edges.
+        A FeatureCollection for JSON: the nodes as points [m], then the edges.
 
     Raises
     ------
     ConfigError
-        If there are more nodes and edges than Nav2 has ids, or no edge.
+        If there is no edge, or there are more nodes and edges than Nav2 has ids.
     """
     ids = len(graph.nodes) + len(graph.edges)
     if not len(graph.edges):
-        raise ConfigError("Nav2 takes no graph without edges; give a path of some length")
+        raise ConfigError("the graph has no edges, which Nav2 rejects; give a path with a length")
     if ids > MAX_ID:
         raise ConfigError(
-            f"Nav2 has {MAX_ID} ids for nodes and directed edges, but these are {ids}; give fewer"
+            f"the graph has {ids} nodes and directed edges, and Nav2 has {MAX_ID} ids; give fewer"
             " paths"
         )
     xy = graph.nodes.tolist()
@@ -164,9 +166,9 @@ def write_graph(
     robot: Nav2Robot,
     target: Path,
 ) -> None:
-    """Write a graph's GeoJSON with the server whose scorers make the costs of its edges J.
+    """Write a graph's GeoJSON, and the route server whose scorers make its edges cost J.
 
-    A robot's own parameters name the graph by its place in `target`, which the folder will become.
+    The robot's parameters name the graph by its path in `target`, the final name of the folder.
     """
     write_geojson(folder / "graph.geojson", graph)
     loader = "GeoJsonGraphFileLoader"
@@ -175,7 +177,7 @@ def write_graph(
         "graph_file_loader": loader,
         **scorers,
         **{f"{name}.plugin": f"nav2_route::{name}" for name in plugins},
-        "smooth_corners": False,  # arcs would leave the edges, which were checked
+        "smooth_corners": False,  # arcs would leave the checked edges
     }
     robot_settings, file = (
         robot.parameters.read_node_parameters(node := "route_server"),
@@ -189,7 +191,7 @@ def write_graph(
     )
     server = LifecycleNode("nav2_route", node, node, merged_settings, {"graph_filepath": file})
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
-    if robot.file:
+    if robot.main_file:
         place = {"graph_filepath": str(target.resolve() / file)}
         robot.warn_changed(merged := robot.parameters.with_values(node, server_settings | place))
         for name, content in make_parameter_files(robot.parameters, merged)[0].items():
@@ -197,7 +199,7 @@ def write_graph(
 
 
 def save_graph_preview(folder: Path, costs: Costmap, graph: RouteGraph, title: str) -> None:
-    """Write a picture of a graph over its map."""
+    """Write the picture of a graph over its map."""
     from locplan.export import figures as _figures
 
     _figures.save_preview(folder, _figures.routes_figure(costs, graph, title))

@@ -1,4 +1,4 @@
-"""Lifecycle nodes of Nav2 that are started: their files, and those of a map for AMCL alone."""
+"""Launch and parameter files of Nav2's lifecycle nodes, and of a separate map for AMCL."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class LifecycleNode:
     name: str
     parameters: Mapping[str, Any]
     files: Mapping[str, str] = field(default_factory=dict)
-    """Parameters that name a file in the folder; the launch file alone has them.
+    """Parameters that name a file in the folder; they stand only in the launch file.
 
-    It writes them for all nodes, "/**". rclcpp would take a name in the parameter file, written
-    for this node, instead of it where a -p comes before the files (parameter_map.cpp), as
-    launch_ros's SetParameter puts it.
+    The launch file sets them for all nodes ("/**"). If they were also in the parameter file,
+    rclcpp would prefer those whenever a -p comes before the files (parameter_map.cpp), as with
+    launch_ros's SetParameter.
     """
 
 
@@ -42,20 +42,20 @@ def write_servers(folder: Path, servers: Sequence[LifecycleNode], manager_name: 
     parameters = {node.name: {"ros__parameters": dict(node.parameters)} for node in nodes}
     (folder / "servers.yaml").write_text(dump_parameters(parameters), "utf-8")
     launch = folder / "localizability.launch.xml"
-    launch.write_text(render_template("servers.launch.xml", nodes=nodes), "utf-8")
+    launch.write_text(render_template("servers.launch.xml", {"nodes": nodes}), "utf-8")
 
 
 def write_filter_map(folder: Path, grid: OccupancyGrid) -> None:
-    """Write a map for AMCL alone, beside the one that is planned on, and what Nav2 needs for it.
+    """Write a separate map for AMCL, with the files that Nav2 needs to serve it.
 
-    It is the same in all distributions.
+    The planners keep their map. The files are the same for all distributions.
 
     Parameters
     ----------
     folder : path
-        The folder, which is there.
+        The folder, which must exist.
     grid : OccupancyGrid
-        The map; it is written in mode trinary, since AMCL takes only 100 as a wall.
+        The map; it is written in mode trinary, since AMCL treats only 100 as a wall.
     """
     # From humble to main (2026-08) amcl has the parameter `map_topic`, map_server `topic_name`.
     topic = "/map_amcl"
@@ -63,9 +63,9 @@ def write_filter_map(folder: Path, grid: OccupancyGrid) -> None:
     parameters = {"topic_name": topic, "frame_id": "map"}
     files = {"yaml_filename": "map_amcl.yaml"}
     server = LifecycleNode("nav2_map_server", "map_server", "map_amcl_server", parameters, files)
-    # The lifecycle manager of nav2_bringup knows its own nodes only.
+    # The lifecycle manager of nav2_bringup manages only its own nodes.
     write_servers(folder, [server], "lifecycle_manager_map_amcl")
     amcl = {"amcl": {"ros__parameters": {"map_topic": topic}}}
     (folder / "amcl.yaml").write_text(dump_parameters(amcl), "utf-8")
-    readme = render_template("filter-map.md", map=grid.name, topic=topic)
+    readme = render_template("filter-map.md", {"map": grid.name, "topic": topic})
     (folder / "README.md").write_text(readme, "utf-8")

@@ -1,4 +1,4 @@
-"""A route graph of the user, with our cost of each edge, for Nav2's route server."""
+"""A user's route graph with J as the cost of each edge, for Nav2's route server."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from locplan._support.checks import (
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
 from locplan.errors import ConfigError, LocplanError
-from locplan.export.joined_ways import LineCosts
-from locplan.export.parameters import Nav2Robot, Params
-from locplan.export.registry import DISTRO, FRAME, ExportSummary, export_folder
+from locplan.export.parameters import Nav2Robot, ParameterFiles
+from locplan.export.path_joining import LineCosts
+from locplan.export.registry import DEFAULT_DISTRO, DEFAULT_FRAME, ExportSummary, export_folder
 from locplan.export.route_graph import MAX_ID, RouteGraph, save_graph_preview, write_graph
-from locplan.export.values import unturn
+from locplan.export.values import drop_costmap_yaw
 from locplan.maps.grid import extent_text
 from locplan.planning.costmap import Costmap, summarize_costs
 
-TAG = "localization"
-"""Key of our cost in the metadata of an edge."""
+COST_TAG = "localization"
+"""Key of J in the metadata of an edge."""
 SCORERS: Mapping[str, Any] = {
     "edge_cost_functions": ["PenaltyScorer", "DynamicEdgesScorer"],
-    "PenaltyScorer.penalty_tag": TAG,
+    "PenaltyScorer.penalty_tag": COST_TAG,
     "PenaltyScorer.weight": 1.0,
 }
-"""Parameters of the route server that make the cost of an edge J."""
+"""Parameters of the route server with which an edge costs J."""
 
 
 @dataclass(frozen=True, eq=False)
 class UserGraph:
-    """A route graph in the form that Nav2's GeoJsonGraphFileLoader reads."""
+    """A user's route graph, as read by Nav2's GeoJsonGraphFileLoader."""
 
     document: Mapping[str, Any]
     """The FeatureCollection."""
@@ -49,20 +49,20 @@ class UserGraph:
     nodes: Floats
     """Position of each node, (n, 2) [m]."""
     edges: tuple[int, ...]
-    """Place of each edge in the features of the document."""
+    """Index of each edge in the features of the document."""
     pairs: Ints
     """Indices of the nodes where each edge starts and ends, (m, 2)."""
 
     @classmethod
-    def read(cls, file: str | Path, frame: str = FRAME) -> UserGraph:
-        """Read a graph from a GeoJSON file; a LocplanError names the file, the fault and a remedy.
+    def read(cls, file: str | Path, frame: str = DEFAULT_FRAME) -> UserGraph:
+        """Read a graph from a GeoJSON file; errors are LocplanErrors.
 
         Parameters
         ----------
         file : path
             The file.
         frame : str, default "map"
-            Frame of the map, in which the nodes must be.
+            Frame of the map and of the nodes.
         """
         path = check_file_path("a route graph", file)
         try:
@@ -72,8 +72,8 @@ class UserGraph:
             raise LocplanError(f"{path}: {fault}") from None
 
     @classmethod
-    def from_document(cls, document: object, frame: str = FRAME) -> UserGraph:
-        """Return a graph from a FeatureCollection; a ConfigError if it is no route graph."""
+    def from_document(cls, document: object, frame: str = DEFAULT_FRAME) -> UserGraph:
+        """Return the graph of a FeatureCollection; raise a ConfigError if it is no route graph."""
         features = document.get("features") if isinstance(document, dict) else None
         if (
             not isinstance(document, dict)
@@ -105,12 +105,12 @@ class UserGraph:
         return [self.document["features"][place]["properties"]["id"] for place in self.edges]
 
     def with_costs(self, costs: Floats, *, set_cost: bool) -> dict[str, Any]:
-        """Return the document with the costs (m,) of the edges; all else stays as it is."""
+        """Return the document with costs (m,) added to the edges."""
         features = list(self.document["features"])
         for place, cost in zip(self.edges, costs.tolist(), strict=True):
             properties = dict(features[place]["properties"])
             # An integer would be read with another type, and the scorer would throw.
-            properties["metadata"] = {**(properties.get("metadata") or {}), TAG: cost}
+            properties["metadata"] = {**(properties.get("metadata") or {}), COST_TAG: cost}
             if set_cost:
                 properties["cost"] = cost
             features[place] = {**features[place], "properties": properties}
@@ -118,31 +118,31 @@ class UserGraph:
 
 
 def annotate_graph(
-    costs: Costmap, graph: Mapping[str, Any], *, frame: str = FRAME, set_cost: bool = False
+    costs: Costmap, graph: Mapping[str, Any], *, frame: str = DEFAULT_FRAME, set_cost: bool = False
 ) -> dict[str, Any]:
-    """Return a route graph of Nav2 with J of each edge as ``metadata.localization`` [m].
+    """Return a Nav2 route graph with J of each edge as ``metadata.localization`` [m].
 
-    Ids, geometry and metadata stay as they are. An edge is the straight line between its nodes, as
-    for Nav2, whatever its geometry is.
+    Ids, geometry and other metadata stay unchanged. As in Nav2, an edge is the straight line
+    between its nodes, regardless of its geometry.
 
     Parameters
     ----------
     costs : Costmap
-        The costs of travel; the map's yaw is left out, as Nav2 ignores it.
+        The costs of travel; the map's yaw is ignored, as in Nav2.
     graph : dict
         A GeoJSON FeatureCollection: nodes (Point) with an id, and edges (LineString or
         MultiLineString) with id, startid and endid, from SWAGGER, Nav2's route tool or by hand.
     frame : str, default "map"
-        Frame of the map, in which the nodes must be.
+        Frame of the map and of the nodes.
     set_cost : bool, default False
-        True writes J as the edge's ``cost``, too. Nav2 reads it of edges with ``overridable:
-        false``, and of all edges if the server has no scorers.
+        True also writes J as the edge's ``cost``. Nav2 reads it for edges with ``overridable:
+        false``, and for all edges if the server has no scorers.
 
     Raises
     ------
     ConfigError
-        If it is no such graph, a node lies outside the map, or an edge runs through a wall; the
-        error names the ids.
+        If the graph is invalid, a node is outside the map, or an edge crosses a wall; the error
+        names the ids.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def annotate_graph(
     >>> annotate_graph(costs, graph)["features"][2]["properties"]
     {'id': 2, 'startid': 0, 'endid': 1, 'metadata': {'localization': 3.0}}
     """
-    unturned = unturn(costs)
+    unturned = drop_costmap_yaw(costs)
     user_graph = UserGraph.from_document(graph, frame)
     measured, _ = measure_graph(user_graph, unturned, set_cost=set_cost)
     return user_graph.with_costs(measured.cost, set_cost=set_cost)
@@ -166,38 +166,35 @@ def annotate_graph(
 def measure_graph(
     graph: UserGraph, costs: Costmap, *, set_cost: bool
 ) -> tuple[RouteGraph, list[int]]:
-    """Return the graph with lengths and costs, and ids of edges in cells that are blocked.
+    """Return the graph with lengths and costs, and the ids of edges that are too narrow.
 
-    Edges in free cells that are blocked, such as near a wall, have the cost that they would have
-    without a robot's radius. See `annotate_graph` for the errors.
+    Edges too close to walls for the robot get the cost without its radius. See `annotate_graph`
+    for the errors.
     """
     grid, ids = costs.grid, graph.edge_ids
     outside = np.flatnonzero(~grid.contains(*grid.cell(graph.nodes)))
     if len(outside):
         raise ConfigError(
-            f"the map, which reaches from {extent_text(grid)}, does not hold"
-            f" {_format_ids('node', [graph.node_ids[n] for n in outside])}; check the frame and the"
-            " unit of the graph, or remove them"
+            f"{_format_ids('node', [graph.node_ids[n] for n in outside])} outside the map, which"
+            f" reaches from {extent_text(grid)}; check the frame and the unit of the graph, or"
+            " remove them"
         )
     lines, walls = LineCosts(costs), LineCosts(Costmap.blank(grid, robot=0.0))
-    through = np.flatnonzero(~np.isfinite(walls.costs(graph.nodes, graph.pairs)))
+    through = np.flatnonzero(~np.isfinite(walls.compute_costs(graph.nodes, graph.pairs)))
     if len(through):
         raise ConfigError(
-            f"walls or unknown space lie on {_format_ids('edge', [ids[n] for n in through])};"
-            " move the"
+            f"walls or unknown space on {_format_ids('edge', [ids[n] for n in through])}; move the"
             " nodes, or remove the edges"
         )
     length = np.hypot(*(graph.nodes[graph.pairs[:, 0]] - graph.nodes[graph.pairs[:, 1]]).T)
     if set_cost and not length.all():
         raise ConfigError(
-            "Nav2 takes no cost of 0, which is that of"
-            f" {_format_ids('edge', [ids[n] for n in np.flatnonzero(length == 0)])} without a"
-            " length;"
-            " remove them, or leave --set-cost out"
+            f"{_format_ids('edge', [ids[n] for n in np.flatnonzero(length == 0)])} without a"
+            " length, and Nav2 rejects a cost of 0; remove them, or do not use --set-cost"
         )
-    near = ~np.isfinite(lines.costs(graph.nodes, graph.pairs))
-    cost = np.maximum(lines.integrals(lines.density, graph.nodes, graph.pairs), length)
-    e, u = (lines.integrals(layer, graph.nodes, graph.pairs) for layer in (costs.e, costs.u))
+    near = ~np.isfinite(lines.compute_costs(graph.nodes, graph.pairs))
+    cost = np.maximum(lines.integrate_layer(lines.density, graph.nodes, graph.pairs), length)
+    e, u = (lines.integrate_layer(layer, graph.nodes, graph.pairs) for layer in (costs.e, costs.u))
     measured = RouteGraph(graph.nodes, graph.pairs, length, cost, e, u)
     return measured, [ids[n] for n in np.flatnonzero(near)]
 
@@ -207,18 +204,18 @@ def nav2_graph(
     costs: Costmap,
     graph: str | Path,
     *,
-    frame: str = FRAME,
-    distro: str = DISTRO,
-    params: Params = None,
+    frame: str = DEFAULT_FRAME,
+    distro: str = DEFAULT_DISTRO,
+    params: ParameterFiles = None,
     set_cost: bool = False,
     force: bool = False,
 ) -> ExportSummary:
-    """Write a route graph of the user with our cost of each edge, and a server that follows it.
+    """Write a user's route graph with J of each edge, and the parameters of a route server.
 
     Parameters
     ----------
     folder : path
-        The folder; one that holds such an export without changes is replaced.
+        The folder, which may exist; an earlier export of this kind is replaced.
     costs, frame, set_cost
         See `annotate_graph`.
     graph : path
@@ -233,7 +230,7 @@ def nav2_graph(
     """
     user_graph = UserGraph.read(graph, frame)
     robot = Nav2Robot.from_files(params, distro)
-    unturned = unturn(costs)
+    unturned = drop_costmap_yaw(costs)
     try:
         measured, near = measure_graph(user_graph, unturned, set_cost=set_cost)
     except ConfigError as error:
@@ -261,22 +258,24 @@ def nav2_graph(
         "set_cost": set_cost,
     }
     template_values |= {"edges": len(user_graph.edges), "fixed": fixed}
-    with export_folder(folder, "nav2-graph.md", metadata, force, **template_values) as temporary:
+    with export_folder(
+        folder, "nav2-graph.md", metadata, template_values, force=force
+    ) as temporary:
         document = user_graph.with_costs(measured.cost, set_cost=set_cost)
         write_graph(temporary, document, SCORERS, robot, Path(folder))
         save_graph_preview(temporary, unturned, measured, f"{name}: {Path(graph).name}")
     rows = [("nodes, edges", f"{values['nodes']:,}, {values['edges']:,}")]
     if fixed:
-        text = f"that of {_format_ids('edge', fixed)}, not overridable; --set-cost replaces it"
-        rows.append(("Nav2 keeps the cost", text))
+        text = f"{_format_ids('edge', fixed)}, not overridable; --set-cost replaces it"
+        rows.append(("Nav2 keeps the cost of", text))
     if near:
-        text = f"{_format_ids('edge', near)}, where a robot of this radius touches walls"
+        text = f"{_format_ids('edge', near)}; a robot of this radius touches walls"
         rows.append(("too narrow", text))
     return ExportSummary({**values, "fixed_edges": fixed, "blocked_edges": near}, tuple(rows))
 
 
 def _read_nodes(features: Sequence[Any], frame: str) -> dict[int, tuple[float, ...]]:
-    """Position [m] of each node by its id."""
+    """Return the position [m] of each node by its id."""
     nodes: dict[int, tuple[float, ...]] = {}
     for place, properties, coordinates in _iterate_features(features, "Point"):
         node = _parse_id(properties, "id", f"feature {place + 1}, a node,")
@@ -289,7 +288,7 @@ def _read_nodes(features: Sequence[Any], frame: str) -> dict[int, tuple[float, .
             )
         if properties.get("frame", frame) not in ("", frame):
             raise ConfigError(
-                f"node {node} is in the frame {short_repr(properties['frame'])}, and the map in"
+                f"node {node} is in the frame {short_repr(properties['frame'])}, but the map is in"
                 f" {frame!r}; transform the graph, or name its frame with --frame"
             )
         nodes[node] = xy
@@ -299,7 +298,7 @@ def _read_nodes(features: Sequence[Any], frame: str) -> dict[int, tuple[float, .
 def _read_edges(
     features: Sequence[Any], node_ids: Sequence[int]
 ) -> dict[int, tuple[int, tuple[int, ...]]]:
-    """Place in the features, and indices of both nodes, of each edge by its id."""
+    """Return the index in the features and the indices of both nodes of each edge by its id."""
     index = {node: n for n, node in enumerate(node_ids)}
     edges: dict[int, tuple[int, tuple[int, ...]]] = {}
     for place, properties, _ in _iterate_features(features, "LineString"):
@@ -325,7 +324,7 @@ def _read_edges(
 
 
 def _iterate_features(features: Sequence[Any], kind: str) -> Iterator[tuple[int, Any, Any]]:
-    """Place, properties and coordinates of the features of a kind."""
+    """Yield the index, properties and coordinates of the features of a kind."""
     for place, feature in enumerate(features):
         geometry = feature.get("geometry")
         if isinstance(geometry, dict) and str(geometry.get("type")).removeprefix("Multi") == kind:
@@ -334,15 +333,16 @@ def _iterate_features(features: Sequence[Any], kind: str) -> Iterator[tuple[int,
             yield place, feature_properties, geometry.get("coordinates")
 
 
-def _parse_id(properties: Mapping[str, Any], name: str, owner: str) -> int:
+def _parse_id(properties: Mapping[str, Any], name: str, owner_text: str) -> int:
+    """Return an id from the properties of a feature; raise a ConfigError if it is invalid."""
     value = properties.get(name)
     if not is_integer(value) or not 0 <= value <= MAX_ID:
         fault = "has no" if value is None else f"has {short_repr(value)} as its"
-        raise ConfigError(f"{owner} {fault} {name}; write a whole number from 0 to {MAX_ID}")
+        raise ConfigError(f"{owner_text} {fault} {name}; write a whole number from 0 to {MAX_ID}")
     return int(value)
 
 
 def _format_ids(kind: str, ids: Sequence[int]) -> str:
-    """Such as "edge 7" or "edges 1, 2, 3 and 4 more"."""
+    """Return a text such as "edge 7" or "edges 1, 2, 3 and 4 more"."""
     count_text = f" and {len(ids) - 10} more" if len(ids) > 10 else ""
     return f"{kind}{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:10]))}{count_text}"

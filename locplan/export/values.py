@@ -1,4 +1,4 @@
-"""Values 0..100 of maps and masks that say u or speeds, and how they are written.
+"""Maps and masks with values 0..100 that stand for u or speeds, and their files.
 
 Formats read from nav2_map_server's map_io.cpp and from ROS 1's image_loader.cpp.
 """
@@ -24,21 +24,21 @@ from locplan.planning.metrics import format_costs_caption
 
 
 class YawWarning(UserWarning):
-    """A map's yaw was left out."""
+    """A warning that an export ignores the map's yaw."""
 
 
 def drop_yaw(grid: OccupancyGrid) -> OccupancyGrid:
-    """The map without its yaw, which Nav2's and ROS 1's planners ignore; warns if there is one."""
+    """Return the map without its yaw, which Nav2 and ROS 1 ignore; warn if there is one."""
     x, y, yaw = grid.origin
     if not yaw:
         return grid
-    text = f"{grid.name or 'the map'} has a yaw of {yaw:g} rad, which the stacks ignore:"
-    warnings.warn(YawWarning(f"{text} written as they have it, unturned"), stacklevel=2)
+    text = f"{grid.name or 'the map'} has a yaw of {yaw:g} rad, which navigation stacks ignore:"
+    warnings.warn(YawWarning(f"{text} exported without the yaw"), stacklevel=2)
     return dataclasses.replace(grid, origin=(x, y, 0.0))
 
 
-def unturn(costs: Costmap) -> Costmap:
-    """The costmap and its zones on the map without its yaw; warns if there is one."""
+def drop_costmap_yaw(costs: Costmap) -> Costmap:
+    """Return the costmap and its zones on the map without its yaw; warn if there is one."""
     grid = drop_yaw(costs.grid)
     if grid is costs.grid:
         return costs
@@ -50,15 +50,15 @@ def unturn(costs: Costmap) -> Costmap:
 
 
 def world_to_unrotated_map(grid: OccupancyGrid, xy: Floats) -> Floats:
-    """World positions (n, 2) as they are on the map without its yaw [m]."""
+    """Return world positions (n, 2) rotated to the map without its yaw [m]."""
     unturned = dataclasses.replace(grid, origin=(*grid.origin[:2], 0.0))
     return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
 
 
-def write_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> None:
-    """Write values 0..100, or -1 for unknown, that Nav2's and ROS 1's map servers read unchanged.
+def write_map_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> None:
+    """Write values 0..100, or -1 for unknown, which Nav2's and ROS 1's map servers read unchanged.
 
-    The YAML is `stem` with its suffix, the image a .pgm, with grey n for n and 255 for unknown.
+    The files are `stem`.yaml and `stem`.pgm; a grey level is the value, and 255 is unknown.
     """
     from PIL import Image
 
@@ -76,20 +76,20 @@ def write_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> N
     stem.with_suffix(".yaml").write_text(dump_yaml(yaml_fields, default_flow_style=None), "utf-8")
 
 
-def compute_percent(costs: Costmap) -> NDArray[np.int8]:
-    """u in per cent, 0..98, and -1 where it is not known, (H, W).
+def compute_degeneracy_percent(costs: Costmap) -> NDArray[np.int8]:
+    """Return u in per cent, 0..98, or -1 in cells without u, (H, W).
 
-    A StaticLayer of Nav2 takes 99 and 100 for obstacles.
+    Nav2's StaticLayer treats 99 and 100 as obstacles.
 
     Parameters
     ----------
     costs : Costmap
-        A costmap that was made of a field.
+        A costmap with a covariance field.
 
     Raises
     ------
     ConfigError
-        If the costmap was made without a field.
+        If the costmap has no field.
     """
     check_has_field(costs)
     values = np.minimum(np.floor(100 * np.nan_to_num(costs.u) + 0.5), 98)
@@ -97,10 +97,10 @@ def compute_percent(costs: Costmap) -> NDArray[np.int8]:
 
 
 def compute_speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
-    """The per cent of its speed that a robot gives up, 0..99 (H, W), or -1 where u is not known.
+    """Return the reduction of the speed in per cent, 0..99 (H, W), or -1 in cells without u.
 
-    Where a slow zone of the costmap asks for less speed than u, its limit counts. Arguments and
-    errors are those of `nav2_speed`. If u slows nothing (`slowest` is 1), no field is needed.
+    If a slow zone has a lower limit than u, the zone's limit applies. `nav2_speed` describes the
+    arguments and errors. With `slowest` 1, only zones limit the speed and no field is needed.
     """
     import cv2
 
@@ -110,7 +110,7 @@ def compute_speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[n
         check_has_field(costs)
     is_known = costs.grid.free if slowest == 1 else ~np.isnan(costs.u)
     if not is_known.any():
-        raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
+        raise ConfigError("no cell of the map has u, so the mask would be empty; check the field")
     speed_loss = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
     if costs.zones.has_kind("slow"):
         speed_loss = np.maximum(speed_loss, np.floor(100.5 - costs.zones.speed_limit(costs.grid)))
@@ -121,16 +121,16 @@ def compute_speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[n
 
 
 def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
-    """Write u in per cent, 98 at most, as a map in the mode raw, as for a StaticLayer of Nav2.
+    """Write u in per cent, at most 98, as a map in mode raw, such as for Nav2's StaticLayer.
 
     Parameters
     ----------
     folder : path
-        The folder, which need not exist; an earlier export of this kind is replaced.
+        The folder, which may exist; an earlier export of this kind is replaced.
     costs : Costmap
-        A costmap that was made of a field.
+        A costmap with a covariance field.
     force : bool, default False
-        True overwrites files of the same names in the folder; others stay.
+        True overwrites files of the same names in the folder.
 
     Raises
     ------
@@ -139,15 +139,15 @@ def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
     """
     from locplan.export import figures as _figures
 
-    values = compute_percent(costs)
+    values = compute_degeneracy_percent(costs)
     metadata = {"kind": "ros-map"} | summarize_costs(costs)
     grid = drop_yaw(costs.grid)
     purposes = {"README.md": "how to use it", "*.yaml": "u in per cent, as a map of ROS"}
     name = grid.name or "a map"
     with export_folder(
-        folder, "ros-map.md", metadata, force, purposes=purposes, map=name
+        folder, "ros-map.md", metadata, {"map": name}, purposes=purposes, force=force
     ) as temporary:
-        write_values(temporary / "raw", values, grid)
+        write_map_values(temporary / "raw", values, grid)
         title = f"{grid.name or 'map'}: as it is published{format_costs_caption(costs)}"
         figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)
         _figures.save_preview(temporary, figure, dpi=90)

@@ -290,7 +290,7 @@ def test_maps_of_one_name_would_collide(run, room, tmp_path):
     (tmp_path / "other").mkdir()
     save_map(load_map(room), tmp_path / "other" / "room.yaml")
     arguments = "field", room, tmp_path / "other"
-    assert "have one name" in check_refusal(run(*arguments, "-o", tmp_path / "fields"))
+    assert "have the same name" in check_refusal(run(*arguments, "-o", tmp_path / "fields"))
     assert run(*arguments)[0] == 0
 
 
@@ -877,7 +877,7 @@ def test_usage_errors_say_what_would_be_right(run, words, message):
 
 
 def test_choices_are_those_of_the_library(run, room):
-    from locplan.export.masks import keepout_mask
+    from locplan.export.masks import compute_keepout_mask
     from locplan.export.registry import list_formats
     from locplan.field import ESTIMATORS
     from locplan.field.covariance import SCALARS
@@ -885,7 +885,7 @@ def test_choices_are_those_of_the_library(run, room):
     options = get_type_hints(list_formats()["nav2-keepout"].options)
     names, _ = get_args(options["planner"])
     with pytest.raises(LocplanError, match=f"planner must be one of {', '.join(get_args(names))},"):
-        keepout_mask(locplan.Costmap.blank(load_map(room)), planner="other")
+        compute_keepout_mask(locplan.Costmap.blank(load_map(room)), planner="other")
     help = run("field", "--help")[1]
     assert all(name in help for name in (*SCALARS, *(layer.name for layer in Scan.layers)))
     assert all(name in help for name in ESTIMATORS)

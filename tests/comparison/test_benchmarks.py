@@ -16,7 +16,7 @@ import pytest
 from support.comparison_runs import failed_run, fake_runs, solved_run
 
 from locplan.comparison.benchmarks import write_ompl_logs
-from locplan.comparison.statistics import STATUSES, Task
+from locplan.comparison.statistics import STATUSES, RunTask
 from locplan.errors import LocplanError
 from locplan.planning import Path, PlannerResult
 
@@ -82,7 +82,7 @@ def test_every_run_is_in_the_database(tmp_path):
 
 def test_progress_is_the_best_cost_at_equal_steps(tmp_path):
     runs = fake_runs({"any-angle": 1.0, "anytime": 0.9}, queries=1, maps=("rooms",), seeds=2)
-    runs.append(failed_run(Task("rooms", "6 m", "q0", 4.0, "anytime", 3)))
+    runs.append(failed_run(RunTask("rooms", "6 m", "q0", 4.0, "anytime", 3)))
     logs = write_ompl_logs(runs, tmp_path / "logs", baseline="any-angle")
     with database(logs, tmp_path) as made:
         columns = [column[1] for column in rows(made, "PRAGMA table_info(progress)")]
@@ -112,7 +112,7 @@ def test_a_single_query_is_no_parameter(tmp_path):
 
 
 def test_every_status_has_its_name(tmp_path):
-    tasks = [Task("rooms", "6 m", "q", 4.0, "mine", seed) for seed in range(len(STATUSES))]
+    tasks = [RunTask("rooms", "6 m", "q", 4.0, "mine", seed) for seed in range(len(STATUSES))]
     runs = [
         solved_run(task, 9.0) if status == "solved" else failed_run(task, status)
         for task, status in zip(tasks, STATUSES, strict=True)
@@ -136,7 +136,7 @@ def test_our_numbers_are_ompls_own(tmp_path):
     from ompl import base
 
     kinds = type(base.PlannerStatus.TIMEOUT)
-    task = Task("map", "settings", "1", 1.0, "planner", 0)
+    task = RunTask("map", "settings", "1", 1.0, "planner", 0)
     (log,) = write_ompl_logs([solved_run(task, 9.0)], tmp_path / "logs")
     _, *names = re.search(r"^status\|.*", log.read_text(), re.M).group().split("|")
     for number in (1, 2, 3, 4, 5, 6, 7):
@@ -145,7 +145,7 @@ def test_our_numbers_are_ompls_own(tmp_path):
 
 def test_odd_names_and_numbers_pass(tmp_path):
     tasks = [
-        Task("büro\n|>>>", "r = 6 m", query, 0.5, "ünder; a|b, c", 0)
+        RunTask("büro\n|>>>", "r = 6 m", query, 0.5, "ünder; a|b, c", 0)
         for query in ("1", "a = b", " ", "nan", "ß")
     ]
     runs = [solved_run(task, 9.0, max_e=-math.inf, turning=math.nan) for task in tasks]

@@ -113,7 +113,7 @@ def test_compared_planners_keep_out_of_zones():
         assert not zones.cells(grid, "no-go")[grid.cell(Path(run.xy).resample(0.01).xy)].any()
         assert run.measures["cost"] == pytest.approx(locplan.planning.path_cost(costs, run.xy))
     for wrong in (Costmap.blank(grid), OccupancyGrid(grid.cells, 0.1, (99.0, 0.0, 0.0))):
-        with pytest.raises(ConfigError, match=r"leave zones out|no zone overlaps the map"):
+        with pytest.raises(ConfigError, match=r"remove zones|no zone overlaps the map"):
             locplan.compare(wrong, "grid", 1, zones=zones, execution=ONE)
 
 
@@ -352,7 +352,7 @@ def test_queries_come_in_every_form(tmp_path):
         ({"maps": []}, "at least one map"),
         ({"maps": [3]}, "a map must be"),
         ({"maps": [rooms(), rooms()]}, "two maps are called 'rooms'"),
-        ({"planners": ["grid", "grid"]}, "there twice"),
+        ({"planners": ["grid", "grid"]}, "appears twice"),
         ({"planners": ["B*"]}, "planner must be one of"),
         ({"planners": ["BITstar:foo=1"]}, "has no option"),
         ({"queries": 3.5}, "queries must be a number"),
@@ -440,7 +440,7 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys, sm
     assert len(lines) == 1 + 3 * 2 * 2
     code, _, err = run(*common)
     assert code == 2
-    assert "has runs of other settings (weights)" in err
+    assert "has runs with other settings (weights)" in err
     (tmp_path / "out" / "runs.jsonl").write_text("\n".join(lines[:8]) + "\n{")
     code, out, err = run(*common, "--weight", 0, "--weight", 4, "--json")
     assert code == 0, err

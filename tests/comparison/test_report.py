@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 import locplan
-from locplan.comparison.result import Case, Comparison
-from locplan.comparison.statistics import MEASURES, Run, Task
+from locplan.comparison.result import Comparison, MapCase
+from locplan.comparison.statistics import MEASURES, PlannerRun, RunTask
 from locplan.maps import environments
 from locplan.planning import Query
 
@@ -26,14 +26,14 @@ ABOUT = {"began": "2025-03-04T05:06:07", "machine": HOSTILE}
 
 
 @pytest.fixture(scope="module")
-def case() -> Case:
+def case() -> MapCase:
     """A case with a hostile name, whose field is computed once."""
     grid = environments.make("two_corridors", resolution=0.1)
     grid = dataclasses.replace(grid, name=HOSTILE)
     config = locplan.FieldConfig(stride=4)
     field = locplan.covariance_field(grid, config)
     queries = Query(HOSTILE, *ENDS), Query("second", *ENDS)
-    return Case(
+    return MapCase(
         HOSTILE,
         HOSTILE,
         grid,
@@ -41,7 +41,7 @@ def case() -> Case:
         settings=config,
         criterion="e",
         queries=queries,
-        field_of=lambda *_: field,
+        load_field=lambda *_: field,
     )
 
 
@@ -53,16 +53,16 @@ def run_of(
     *,
     query: str = HOSTILE,
     weight: float = 4.0,
-) -> Run:
-    task = Task(HOSTILE, HOSTILE, query, weight, planner, seed)
+) -> PlannerRun:
+    task = RunTask(HOSTILE, HOSTILE, query, weight, planner, seed)
     if status != "solved":
-        return Run(task, status, 1.0, 1.0, note=HOSTILE)
+        return PlannerRun(task, status, 1.0, 1.0, note=HOSTILE)
     measures = dict.fromkeys(MEASURES, 40.0 * factor)
     history = ((0.01, 80.0 * factor), (0.5, 40.0 * factor))
-    return Run(task, status, 1.0, 1.1, measures, history, ENDS)
+    return PlannerRun(task, status, 1.0, 1.1, measures, history, ENDS)
 
 
-def hostile(case: Case) -> Comparison:
+def hostile(case: MapCase) -> Comparison:
     runs = [run_of(name) for name in NAMES] + [run_of(name, "crashed", 2) for name in NAMES]
     return Comparison(tuple(runs), HOSTILE, {case.key: case}, ABOUT, command=HOSTILE)
 
@@ -73,7 +73,7 @@ def written(tmp_path: Path, comparison: Comparison) -> str:
 
 
 @pytest.fixture(scope="module")
-def hostile_page(tmp_path_factory: pytest.TempPathFactory, case: Case) -> str:
+def hostile_page(tmp_path_factory: pytest.TempPathFactory, case: MapCase) -> str:
     return written(tmp_path_factory.mktemp("hostile"), hostile(case))
 
 
@@ -126,7 +126,7 @@ def test_nothing_is_loaded(hostile_page: str) -> None:
     assert not {"link", "iframe"} & {tag for tag, _ in elements.found}
 
 
-def several(case: Case, factor: float = 1.25) -> Comparison:
+def several(case: MapCase, factor: float = 1.25) -> Comparison:
     """Two planners on six queries at two weights, one run of which has no path."""
     names = [HOSTILE, "second", "a", "b", "c", "d"]
     queries = tuple(Query(name, *ENDS) for name in names)
@@ -151,7 +151,7 @@ def several(case: Case, factor: float = 1.25) -> Comparison:
     ],
 )
 def test_report_begins_with_answer(
-    tmp_path: Path, case: Case, factor: float, title: str, sentence: str
+    tmp_path: Path, case: MapCase, factor: float, title: str, sentence: str
 ) -> None:
     page = written(tmp_path, several(case, factor))
     assert re.findall("<h2>(.*?)</h2>", page)[0] == title
@@ -162,23 +162,23 @@ def test_report_begins_with_answer(
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_few_queries_are_too_few_to_tell(tmp_path: Path, case: Case) -> None:
+def test_few_queries_are_too_few_to_tell(tmp_path: Path, case: MapCase) -> None:
     whole = several(case)
     runs = [run for run in whole.runs if run.task.query in ("a", "b")]
     page = written(tmp_path, dataclasses.replace(whole, runs=tuple(runs)))
-    assert re.findall("<h2>(.*?)</h2>", page)[0] == "Too few queries to tell"
+    assert re.findall("<h2>(.*?)</h2>", page)[0] == "Too few queries for a verdict"
     assert not re.search('class="number (cheaper|costlier)"', page)
 
 
-def test_pictures_have_texts(tmp_path: Path, case: Case) -> None:
+def test_pictures_have_texts(tmp_path: Path, case: MapCase) -> None:
     texts = list(Elements(written(tmp_path, several(case))).attributes("alt"))
-    assert texts[0].startswith("J as a multiple of that of any-angle: ")
+    assert texts[0].startswith("Ratio of J to that of any-angle: ")
     # The planners differ most at query d; of equal weights the greatest is drawn.
     title = f"Paths of d on {HOSTILE}, {HOSTILE}, weight 4, with J: "
     assert texts[1] == f"{title}any-angle 40.0 m; grid 52.0 m."
 
 
-def test_the_same_data_give_the_same_file(tmp_path: Path, case: Case, hostile_page: str) -> None:
+def test_the_same_data_give_the_same_file(tmp_path: Path, case: MapCase, hostile_page: str) -> None:
     assert written(tmp_path, hostile(case)) == hostile_page
 
 
@@ -189,7 +189,7 @@ def test_without_failures_or_scenes(tmp_path: Path) -> None:
     assert "Only grid was run" in page
 
 
-def test_failures_are_counted_with_their_reason(tmp_path: Path, case: Case) -> None:
+def test_failures_are_counted_with_their_reason(tmp_path: Path, case: MapCase) -> None:
     runs = run_of("grid", "timeout"), run_of("grid", "timeout", 2), run_of("any-angle", "hung")
     page = written(tmp_path, Comparison(runs, "any-angle", {case.key: case}, ABOUT))
     assert "nan" not in re.sub(r"base64,[^\"]*", "", page)
@@ -203,11 +203,11 @@ def test_failures_are_counted_with_their_reason(tmp_path: Path, case: Case) -> N
 LENGTHS = {"any-angle": 9.0, "grid": 10.0, "BITstar": 100.0}
 
 
-def run_at_weight(planner: str, weight: float, query: str) -> Run:
-    task = Task("office", "sad, 6 m", query, weight, planner, 0)
+def run_at_weight(planner: str, weight: float, query: str) -> PlannerRun:
+    task = RunTask("office", "sad, 6 m", query, weight, planner, 0)
     if planner == "BITstar" and (weight == 0 or query == "second"):
-        return Run(task, "timeout", 1.0, 1.0, note="no path")
-    return Run(task, "solved", 1.0, 1.0, dict.fromkeys(MEASURES, LENGTHS[planner]))
+        return PlannerRun(task, "timeout", 1.0, 1.0, note="no path")
+    return PlannerRun(task, "solved", 1.0, 1.0, dict.fromkeys(MEASURES, LENGTHS[planner]))
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from support.comparison_runs import failed_run, fake_runs, solved_run
 
 from locplan._support import intervals
 from locplan.comparison.result import Comparison
-from locplan.comparison.statistics import MEASURES, Task
+from locplan.comparison.statistics import MEASURES, RunTask
 from locplan.errors import LocplanError
 
 ABOUT = {"began": "2025-03-04T05:06:07"}
@@ -36,7 +36,7 @@ def pair(ours, theirs, measure="cost"):
     runs = []
     for planner, values in (("mine", ours), ("base", theirs)):
         for query, value in enumerate(values):
-            task = Task("rooms", "6 m", f"q{query}", 4.0, planner, 0)
+            task = RunTask("rooms", "6 m", f"q{query}", 4.0, planner, 0)
             runs.append(solved_run(task, **{"cost": 10.0, measure: value}))
     return the(contrasts(runs, "base"), planner="mine", measure=measure)
 
@@ -91,7 +91,7 @@ def test_a_root_mean_square_has_the_interval_of_its_pseudo_values():
 
 def test_seeds_are_one_query_by_their_median():
     runs = [
-        solved_run(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), cost)
+        solved_run(RunTask("rooms", "6 m", f"q{query}", 4.0, planner, seed), cost)
         for query in range(6)
         for planner, costs in (("base", [10.0]), ("mine", [9.0, 9.5, 90.0]))
         for seed, cost in enumerate(costs)
@@ -118,7 +118,7 @@ def test_a_bad_planner_changes_no_other_planners_row():
 def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
     seeds = {"base": (10.0, 10.0, 10.0), "mine": (9.0, 9.5, 90.0)}
     runs = [
-        solved_run(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), (query + 1) * cost)
+        solved_run(RunTask("rooms", "6 m", f"q{query}", 4.0, planner, seed), (query + 1) * cost)
         for query in range(5)
         for planner, costs in seeds.items()
         for seed, cost in enumerate(costs)
@@ -129,7 +129,11 @@ def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
     row = rows_of(runs, "base")["mine"]
     assert (row["pairs"], row["cost"], row["baseline_cost"]) == (5, 28.5, 30.0)
     contrast = the(contrasts(runs, "base"), planner="mine", measure="cost")
-    assert (contrast.pairs, contrast.ours.median, contrast.theirs.median) == (5, 28.5, 30.0)
+    assert (
+        contrast.pairs,
+        contrast.planner_quartiles.median,
+        contrast.baseline_quartiles.median,
+    ) == (5, 28.5, 30.0)
     assert row["ratio"] == contrast.estimate.value == pytest.approx(0.95)
 
 
@@ -163,7 +167,7 @@ def test_what_may_be_zero_is_a_ratio_of_sums():
     assert nothing.sentence == "base has none of it"
     alone = pair([1.0] * 6, [2.0] + [0.0] * 5, "integrated_u")
     assert np.isnan(alone.estimate.low)
-    assert alone.sentence == "too few queries to tell (6)"
+    assert alone.sentence == "too few queries for a verdict (6)"
 
 
 def test_shares_differ_by_percentage_points():
@@ -174,15 +178,16 @@ def test_shares_differ_by_percentage_points():
 @pytest.mark.parametrize(
     ("ours", "theirs", "pairs", "told"),
     [
-        ([], [], 0, "no query that base and it both solve"),
-        ([9.0], [10.0], 1, "too few queries to tell (1 of 5)"),
-        ([9.0] * 4, [10.0] * 4, 4, "too few queries to tell (4 of 5)"),
+        ([], [], 0, "solves no query that base solves"),
+        ([9.0], [10.0], 1, "too few queries for a verdict (1 of 5)"),
+        ([9.0] * 4, [10.0] * 4, 4, "too few queries for a verdict (4 of 5)"),
     ],
 )
 def test_few_pairs_tell_nothing(ours, theirs, pairs, told):
     if not pairs:
         runs = [
-            failed_run(Task("rooms", "6 m", "q", 4.0, planner, 0)) for planner in ("base", "mine")
+            failed_run(RunTask("rooms", "6 m", "q", 4.0, planner, 0))
+            for planner in ("base", "mine")
         ]
         found = the(contrasts(runs, "base"), planner="mine", measure="cost")
     else:
@@ -233,7 +238,7 @@ def test_the_interval_covers_the_truth():
     costs = np.exp(np.median(queries, axis=2))
     planners = [("base", np.ones_like(costs)), ("mine", costs)]
     runs = [
-        solved_run(Task(str(trial), "6 m", str(query), 4.0, planner, 0), cost)
+        solved_run(RunTask(str(trial), "6 m", str(query), 4.0, planner, 0), cost)
         for planner, values in planners
         for (trial, query), cost in np.ndenumerate(values)
     ]
@@ -267,12 +272,12 @@ def test_success_counts_queries_not_seeds():
 
 
 def test_quartiles_are_over_what_is_known():
-    tasks = [Task("rooms", "6 m", f"q{query}", 4.0, "mine", 0) for query in range(6)]
+    tasks = [RunTask("rooms", "6 m", f"q{query}", 4.0, "mine", 0) for query in range(6)]
     runs = [solved_run(task, cost) for task, cost in zip(tasks, [1, 2, 3, 4, 5], strict=False)]
     runs.append(solved_run(tasks[5], np.inf))
     (summary,) = summaries(runs)
     assert summary.measures["cost"] == (3, 2, 4, 5)
-    assert summary.measures["max_e"].known == 0
+    assert summary.measures["max_e"].n_values == 0
     (nothing,) = summaries([failed_run(task) for task in tasks])
     assert nothing.success.value == 0
     assert all(np.isnan(each.median) for each in nothing.measures.values())
@@ -291,7 +296,7 @@ def test_every_measure_of_nine_hundred_runs_is_compared():
 def test_tables(tmp_path):
     runs = [
         *fake_runs({"base": 1.0}, queries=3),
-        failed_run(Task("ü, ß", "6 m", "q", 4.0, "base", 0)),
+        failed_run(RunTask("ü, ß", "6 m", "q", 4.0, "base", 0)),
     ]
     runs += fake_runs({"=1+1": -1.0}, queries=1, maps=("@x",))
     runs.append(replace(runs[0], task=replace(runs[0].task, seed=2**32 - 1, map="\udcff")))
@@ -309,7 +314,7 @@ def test_frame_has_every_run():
     pytest.importorskip("pandas")
     runs = [
         *fake_runs({"base": 1.0}, queries=3),
-        failed_run(Task("rooms", "6 m", "q", 4.0, "base", 0)),
+        failed_run(RunTask("rooms", "6 m", "q", 4.0, "base", 0)),
     ]
     frame = Comparison(tuple(runs), "base", {}, ABOUT).to_frame()
     assert frame.groupby("status").size()["solved"] == 6

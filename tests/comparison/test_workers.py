@@ -498,11 +498,11 @@ def test_wrong_input_is_refused_before_any_run(tmp_path):
         "map 'room', query 'wall': start 8.5,1.5 lies in a wall"
     )
     assert "heading" in refused(planners=["RRTstar:space=SE2"])
-    assert "there twice" in refused(planners=["grid", "grid"])
+    assert "appears twice" in refused(planners=["grid", "grid"])
     assert "one seed" in refused(seeds=[])
     assert "one weight" in refused(weights=[1, 1.0])
     assert "workers" in refused(workers=0)
-    assert "name of its own" in refused(queries=QUERIES + QUERIES)
+    assert "distinct names" in refused(queries=QUERIES + QUERIES)
     assert "weight" in refused(weights=[-1.0])
     blank = Costmap.blank(room_with_door().grid, robot=0.0)
     assert "no field" in refused(costs=blank, weights=[4.0])

@@ -234,11 +234,11 @@ def test_what_the_planner_takes_is_said(tmp_path, costs):
     found = exported(tmp_path, costs, paths={"aware": aware})
     (smac,) = found.paths
     assert (smac.planner, smac.name) == ("smac2d", "aware")
-    assert smac.follows
+    assert smac.is_equivalent
     assert smac.ratio < 1.12
     assert 0.25 < smac.least_clearance <= smac.clearance
     text = (tmp_path / "m" / "README.md").read_text()
-    assert f"smac2d for aware: {smac.text}" in text
+    assert f"smac2d for aware: {smac.verdict_text}" in text
     about = json.loads((tmp_path / "m" / "export.json").read_text())
     assert about["conversion"]["paths"][0]["ratio"] == smac.ratio
 
@@ -246,13 +246,13 @@ def test_what_the_planner_takes_is_said(tmp_path, costs):
 def test_a_path_that_the_planner_does_not_take_is_said(tmp_path, costs):
     around = plan(costs, (2, 3), (38, 3)).path
     with pytest.warns(RobotWarning, match=r"around passes 0\.4. m from walls at \(\d+\.\d\d, "):
-        assert nav2_keepout(tmp_path / "m", costs, paths={"around": around}).paths[0].follows
+        assert nav2_keepout(tmp_path / "m", costs, paths={"around": around}).paths[0].is_equivalent
     settings = {"planner_param": 0.5, "paths": {"around": around}}  # far too little
     with pytest.warns(
-        RobotWarning, match="smac2d would not take around .*m-routes has it as a route"
+        RobotWarning, match="smac2d does not take around .*m-routes has it as a route"
     ):
         found = nav2_keepout(tmp_path / "m", costs, **settings)
-    assert not found.paths[0].follows
+    assert not found.paths[0].is_equivalent
     assert (tmp_path / "m-routes" / "graph.geojson").is_file()
 
 
@@ -332,7 +332,7 @@ def test_export_edits_file_that_has_node(tmp_path, costs, order):
     text = PARAMS.replace('"nav2_navfn_planner::NavfnPlanner"', smac)
     (tmp_path / "nav.yaml").write_text(text)
     files = [tmp_path / "loc.yaml", tmp_path / "nav.yaml"][::order]
-    with pytest.warns(ParametersChanged, match="other values than nav.yaml: planner_server"):
+    with pytest.warns(ParametersChanged, match="changes values of nav.yaml: planner_server"):
         nav2_keepout(tmp_path / "both", costs, params=files)
     with pytest.warns(ParametersChanged):
         nav2_keepout(tmp_path / "one", costs, params=tmp_path / "nav.yaml")

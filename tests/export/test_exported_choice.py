@@ -20,7 +20,7 @@ from locplan import (
 )
 from locplan.errors import ConfigError
 from locplan.export import nav2_keepout
-from locplan.export.masks import keepout_mask
+from locplan.export.masks import compute_keepout_mask
 from locplan.maps import environments
 from locplan.planning import Costmap, path_metrics, plan
 from locplan.robots import Amcl, Lidar, Robot
@@ -102,10 +102,10 @@ def exported(folder, *args, **settings):
 def test_the_mask_of_a_choice_is_that_of_the_path_to_take(tmp_path, driven):
     choice = taking(driven, "around")
     found, said = exported(tmp_path / "m", choice)
-    values, _ = keepout_mask(choice.costmap())
+    values, _ = compute_keepout_mask(choice.costmap())
     image = (tmp_path / "m" / "mask.pgm").read_bytes()[-values.size :]
     assert (np.frombuffer(image, np.int8).reshape(values.shape)[::-1] == values).all()
-    assert [(each.name, each.follows) for each in found.paths] == [("around", True)]
+    assert [(each.name, each.is_equivalent) for each in found.paths] == [("around", True)]
     (line,) = said
     assert line.startswith("smac2d's path for around passes 0.35 m from walls at (16.15, 11.85)")
     assert "Made of the path of a choice, around, for" in (tmp_path / "m/README.md").read_text()
@@ -117,10 +117,10 @@ def test_the_mask_of_a_choice_is_that_of_the_path_to_take(tmp_path, driven):
 def test_a_path_that_nav2_does_not_take_gets_a_route_graph(tmp_path, driven):
     choice = taking(driven, "around")
     found, said = exported(tmp_path / "m", choice, planner_param=0.01)
-    assert not found.paths[0].follows
+    assert not found.paths[0].is_equivalent
     assert said == [
-        f"smac2d would not take around ({found.paths[0].text}); {tmp_path / 'm-routes'} has it as"
-        " a route graph"
+        f"smac2d does not take around ({found.paths[0].verdict_text});"
+        f" {tmp_path / 'm-routes'} has it as a route graph"
     ]
     assert "around,1," in (tmp_path / "m-routes/routes.csv").read_text()
     assert "smac2d does not take around" in (tmp_path / "m/README.md").read_text()
@@ -208,7 +208,7 @@ def test_the_command_exports_a_choice(run, tmp_path, driven):
     np.testing.assert_allclose(Path.load(tmp_path / "path.csv").xy, taking(driven, AWARE).path.xy)
     words = "--lidar has no effect with --choice"
     assert words in check_refusal(run(*line, "path", "--lidar", "turtlebot4"))
-    assert "--choice is for --to" in check_refusal(run(*line, "nav2-speed"))
+    assert "--choice has no effect with --to" in check_refusal(run(*line, "nav2-speed"))
 
 
 @pytest.mark.long
@@ -243,4 +243,7 @@ def test_command_exports_choices_as_routes(run, tmp_path, driven):
     refusal = check_refusal(
         run(*routes, there, "--choice", tmp_path / "other", "-o", tmp_path / "t")
     )
-    assert "the choices there and other differ in the map, the field or the robot's size" in refusal
+    assert (
+        "the recommendations there and other differ in the map, the field or the robot's size"
+        in refusal
+    )

@@ -36,10 +36,10 @@ from locplan.export import (
     plain_files,
     ros_map,
 )
-from locplan.export.masks import keepout_mask, mask_density
+from locplan.export.masks import compute_keepout_mask, compute_mask_density
 from locplan.export.parameters import DistroWarning, ParametersChanged, RobotWarning
 from locplan.export.registry import list_formats
-from locplan.export.values import YawWarning, unturn
+from locplan.export.values import YawWarning, drop_costmap_yaw
 from locplan.field import CovarianceField, FieldConfig, Sad, covariance_field, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, Zone, Zones, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
@@ -125,7 +125,7 @@ def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name
             )
         ),
     }[name]()
-    error = np.abs(charged - mask_density(costs))[passable & (master < 251)]
+    error = np.abs(charged - compute_mask_density(costs))[passable & (master < 251)]
     assert conversion.saturated_share == 0
     assert error.max() <= conversion.quantisation + 1e-5
     assert conversion.quantisation < 0.06
@@ -137,20 +137,20 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
     excess = 10.0 * heavy.u[heavy.grid.free]
     k = float(np.median(excess))
     conversion = nav2_keepout(tmp_path / "mask", heavy, planner="smac2d", planner_param=k)
-    assert conversion.greatest == pytest.approx(k * 251 / 252)
-    above = excess[heavy.grid.clearance[heavy.grid.free] >= 0.45] > conversion.greatest
+    assert conversion.max_excess == pytest.approx(k * 251 / 252)
+    above = excess[heavy.grid.clearance[heavy.grid.free] >= 0.45] > conversion.max_excess
     assert conversion.saturated_share == pytest.approx(above.mean())
     assert 0 < conversion.saturated_share < 1
-    row, col = heavy.grid.cell(conversion.most_saturated)
+    row, col = heavy.grid.cell(conversion.most_saturated_place)
     assert 10.0 * heavy.u[row, col] > k
-    x, y = conversion.most_saturated
+    x, y = conversion.most_saturated_place
     assert f"room for a follower, most around ({x:.2f}, {y:.2f})" in readme_of(tmp_path / "mask")
     values = ros_readers.load(tmp_path / "mask" / "mask.yaml", "main").data
     assert (values[10.0 * np.nan_to_num(heavy.u) > k] == 99).all()
     about = json.loads((tmp_path / "mask" / "export.json").read_text())
-    assert about["conversion"]["saturates_at_weight_u"] == conversion.greatest
+    assert about["conversion"]["saturates_at_weight_u"] == conversion.max_excess
     with pytest.warns(RobotWarning, match=r"navfn does not follow a mask: .* 2\.98 times the best"):
-        assert nav2_keepout(tmp_path / "n", heavy, planner="navfn").greatest == 4.0
+        assert nav2_keepout(tmp_path / "n", heavy, planner="navfn").max_excess == 4.0
 
 
 @pytest.mark.parametrize("write", [nav2_keepout, nav2_speed])
@@ -195,14 +195,14 @@ def test_no_robot_goes_straight_along_the_wall(corridors, radius, scaling):
 def test_what_the_caller_blocks_is_lethal(costs):
     mine = np.zeros(costs.grid.shape, bool)
     mine[30:40, 50:70] = True
-    values, _ = keepout_mask(costs.with_blocked(mine))
-    plain, _ = keepout_mask(costs)
+    values, _ = compute_keepout_mask(costs.with_blocked(mine))
+    plain, _ = compute_keepout_mask(costs)
     clear = mine & np.isfinite(costs.density)
     assert clear.any()
     assert (values[clear] == 100).all()
     np.testing.assert_array_equal(values[~clear], plain[~clear])
     density = np.where(mine, np.inf, 1.5)
-    values, _ = keepout_mask(Costmap.from_density(costs.grid, density))
+    values, _ = compute_keepout_mask(Costmap.from_density(costs.grid, density))
     np.testing.assert_array_equal(values == 100, mine & costs.grid.free)
 
 
@@ -328,9 +328,9 @@ def test_a_density_of_ones_own_can_be_exported(tmp_path, costs):
     own = Costmap.from_density(costs.grid, density)
     conversion = nav2_keepout(tmp_path / "mask", own)
     assert conversion.saturated_share == 0
-    with pytest.raises(LocplanError, match="needs a costmap made of a field"):
+    with pytest.raises(LocplanError, match="needs a covariance field"):
         nav2_speed(tmp_path / "speed", own)
-    with pytest.raises(LocplanError, match="needs a costmap made of a field"):
+    with pytest.raises(LocplanError, match="needs a covariance field"):
         ros_map(tmp_path / "u", own)
 
 
@@ -338,8 +338,10 @@ def test_values_are_the_nearest_of_all(costs):
     density = 1 + np.linspace(0, 8.125, 400)[None]  # 6.5 fits
     blank = Costmap.blank(OccupancyGrid(np.full((1, 400), FREE), 0.1))
     steep = dataclasses.replace(blank, weight=4.0, u=(density - 1) / 4)
-    values, conversion = keepout_mask(steep, planner="thetastar")
-    charged = conversion.planner.excess(np.floor(np.arange(100) * 2.54 + 0.5), conversion.param)
+    values, conversion = compute_keepout_mask(steep, planner="thetastar")
+    charged = conversion.planner.compute_excess(
+        np.floor(np.arange(100) * 2.54 + 0.5), conversion.parameter_value
+    )
     nearest = np.abs(charged[None] - (density[0] - 1)[:, None]).argmin(axis=1)
     np.testing.assert_array_equal(charged[values[0]], charged[nearest])
     assert conversion.saturated_share == pytest.approx(0.2, abs=0.01)
@@ -371,13 +373,13 @@ def test_a_map_without_free_space_gets_no_mask(tmp_path):
     walls = ascii_map("###", "###", resolution=0.1)
     costs = Costmap.from_field(load_or_compute(walls, FieldConfig()))
     for write in (nav2_keepout, nav2_speed):
-        with pytest.raises(LocplanError, match="a mask would be empty"):
+        with pytest.raises(LocplanError, match="the mask would be empty"):
             write(tmp_path / "mask", costs)
     assert not (tmp_path / "mask").exists()
 
 
 def test_thetastar_cannot_charge_any_factor(tmp_path, costs):
-    with pytest.raises(LocplanError, match="94 times at most"):
+    with pytest.raises(LocplanError, match="only 94 times"):
         nav2_keepout(tmp_path / "mask", costs.with_weight(100.0), planner="thetastar")
 
 
@@ -507,7 +509,7 @@ planner_server:
 
 def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS)
-    change = "nav2.yaml has other values than own.yaml: planner_server.Good.allow_unknown: false"
+    change = "nav2.yaml changes values of own.yaml: planner_server.Good.allow_unknown: false"
     with pytest.warns(ParametersChanged, match=re.escape(change)):
         nav2_keepout(tmp_path / "mask", costs, planner="smac2d", params=tmp_path / "own.yaml")
     assert "- planner_server.Good.allow_unknown: false (was true)" in readme_of(tmp_path / "mask")
@@ -569,21 +571,21 @@ def in_zones(costs, zones):
 def test_keepout_mask_has_cost_of_zones(costs, zones, name):
     """Outside preferred zones the planner's charge is that of J, and no-go cells are lethal."""
     zoned = in_zones(costs, zones)
-    values, conversion = keepout_mask(zoned, planner=name)
+    values, conversion = compute_keepout_mask(zoned, planner=name)
     closed = zones.cells(costs.grid, "no-go")
     np.testing.assert_array_equal(values == 100, closed)
-    density, open_cells = mask_density(zoned), costs.grid.free & ~closed
-    more = density[open_cells] - mask_density(costs)[open_cells]
+    density, open_cells = compute_mask_density(zoned), costs.grid.free & ~closed
+    more = density[open_cells] - compute_mask_density(costs)[open_cells]
     np.testing.assert_allclose(more, zones.cost_per_metre(costs.grid)[open_cells], atol=1e-12)
     has_room = open_cells & (costs.grid.clearance > 0.45)
     costs_of_values = np.floor(np.maximum(values, 0) * 2.54 + 0.5)
-    charged = conversion.planner.excess(costs_of_values, conversion.param)
+    charged = conversion.planner.compute_excess(costs_of_values, conversion.parameter_value)
     np.testing.assert_allclose(
         charged[has_room], density[has_room] - 1, atol=conversion.quantisation + 1e-9
     )
     assert conversion.quantisation < 0.1
-    _, plain = keepout_mask(costs, planner=name)
-    assert conversion.greatest == pytest.approx(plain.greatest + 1, abs=0.02)
+    _, plain = compute_keepout_mask(costs, planner=name)
+    assert conversion.max_excess == pytest.approx(plain.max_excess + 1, abs=0.02)
 
 
 def test_speed_mask_takes_lower_limit(tmp_path, costs, zones):
@@ -652,7 +654,7 @@ def test_unturned_costmap_has_its_zones_in_the_same_cells(costs, zones):
         for zone in zones
     ]
     with pytest.warns(YawWarning):
-        unturned = unturn(dataclasses.replace(costs, grid=turned, zones=Zones(polygons)))
+        unturned = drop_costmap_yaw(dataclasses.replace(costs, grid=turned, zones=Zones(polygons)))
     for kind in ("no-go", "slow", "prefer"):
         cells = zones.cells(costs.grid, kind)
         assert cells.any()
@@ -704,7 +706,9 @@ def test_masks_of_several_kinds_go_together(tmp_path, costs):
 
 def test_the_robots_other_planners_stay(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS)
-    ours = r"own\.yaml: its planners are Fast \(nav2_navfn_planner::.*; Localizability is added"
+    ours = (
+        r"own\.yaml: its planners are Fast \(nav2_navfn_planner::.*; the export adds Localizability"
+    )
     with pytest.warns(RobotWarning, match=ours):
         nav2_keepout(tmp_path / "m", costs, planner="thetastar", params=tmp_path / "own.yaml")
     server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
@@ -743,7 +747,11 @@ def test_a_mask_is_for_the_robots_own_planner(tmp_path, costs, change, planner, 
     ("distro", "plugin", "words"),
     [
         ("jazzy", "nav2_smac_planner/SmacPlanner2D", "as in humble; give --distro humble"),
-        ("humble", "nav2_smac_planner::SmacPlanner2D", "as from jazzy on, but humble has / for ::"),
+        (
+            "humble",
+            "nav2_smac_planner::SmacPlanner2D",
+            "as from jazzy on, but humble needs / instead of ::",
+        ),
     ],
 )
 def test_planners_of_another_distribution_are_noticed(tmp_path, costs, distro, plugin, words):
@@ -937,7 +945,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from locplan.errors import ConfigError
-from locplan.export.registry import ExportSummary, Format
+from locplan.export.registry import ExportSummary, ExportFormat
 
 
 @dataclass(frozen=True)
@@ -956,7 +964,7 @@ def write(target, job, options):
     return ExportSummary({"most": most}, (("greatest e", str(most)),))
 
 
-FORMATS = (Format("toy", "the greatest e", write, ToyOptions, suffixes=(".txt",)),)
+FORMATS = (ExportFormat("toy", "the greatest e", write, ToyOptions, suffixes=(".txt",)),)
 '''
 
 

@@ -14,8 +14,8 @@ import pytest
 
 from locplan import Costmap, Path, plan, save_map
 from locplan.export import nav2_keepout, nav2_routes
-from locplan.export.masks import CostmapInflation, keepout_mask
-from locplan.export.parameters import DISTRIBUTIONS
+from locplan.export.masks import CostmapInflation, compute_keepout_mask
+from locplan.export.parameters import ROS_DISTRIBUTIONS
 from locplan.maps import environments
 from locplan.planning import path_metrics
 from locplan.robots import read_parameters
@@ -24,11 +24,11 @@ rclpy = pytest.importorskip("rclpy", reason="no ROS 2 is sourced here")
 pytestmark = [
     pytest.mark.ros,
     pytest.mark.skipif(
-        os.environ.get("ROS_DISTRO") not in DISTRIBUTIONS,
+        os.environ.get("ROS_DISTRO") not in ROS_DISTRIBUTIONS,
         reason="exports are made for other distributions of ROS 2",
     ),
 ]
-DISTRO = os.environ.get("ROS_DISTRO", "")
+DEFAULT_DISTRO = os.environ.get("ROS_DISTRO", "")
 START, GOAL = (2.0, 3.0), (38.0, 3.0)
 PATIENCE = 60.0
 """Time after which a node that does not answer counts as failed [s]."""
@@ -153,7 +153,7 @@ def start_planning(started, folder):
 def exported(folder, costs, **settings):
     save_map(costs.grid, folder / "lab.yaml")
     (folder / "own.yaml").write_text(PARAMS)
-    settings |= {"params": folder / "own.yaml", "distro": DISTRO}
+    settings |= {"params": folder / "own.yaml", "distro": DEFAULT_DISTRO}
     return nav2_keepout(folder / "mask", costs, **settings)
 
 
@@ -167,7 +167,7 @@ def test_the_mask_is_served_as_it_was_made(tmp_path, costs, started, node):
     mask = latched(node, OccupancyGrid, "/localizability_keepout_mask")
     layer = CostmapInflation.from_parameters(read_parameters(tmp_path / "own.yaml"))
     inflation = CostmapInflation.for_mask(costs, layer)
-    values, _ = keepout_mask(costs, inflation=inflation)
+    values, _ = compute_keepout_mask(costs, inflation=inflation)
     np.testing.assert_array_equal(np.reshape(mask.data, values.shape), values)
     info = latched(node, CostmapFilterInfo, "/localizability_keepout_info")
     assert (info.type, info.base, info.multiplier) == (0, 0.0, 1.0)
@@ -201,7 +201,7 @@ def test_the_route_server_takes_the_recommended_way(tmp_path, costs, started, no
     if not hasattr(action, "ComputeRoute"):
         pytest.skip("this Nav2 has no route server")
     aware = plan(costs, START, GOAL).path
-    nav2_routes(tmp_path / "routes", costs, {"aware": aware}, distro=DISTRO)
+    nav2_routes(tmp_path / "routes", costs, {"aware": aware}, distro=DEFAULT_DISTRO)
     started("ros2", "launch", tmp_path / "routes" / "localizability.launch.xml")
     with open(tmp_path / "routes" / "routes.csv", newline="") as file:
         (row,) = csv.DictReader(file)

@@ -12,7 +12,7 @@ from support.maps import random_rooms
 
 from locplan import load_or_compute, plan
 from locplan.export import nav2_keepout, planned_paths as planned
-from locplan.export.masks import CostmapInflation, keepout_mask, mask_density
+from locplan.export.masks import CostmapInflation, compute_keepout_mask, compute_mask_density
 from locplan.field import FieldConfig, Scan
 from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planning import Costmap, path_metrics
@@ -53,14 +53,16 @@ ENDS = (
 )
 def test_no_inflation_hides_a_mask(corridors, name, radius, factor):
     inflation = inflated(radius, factor)
-    values, conversion = keepout_mask(corridors, planner=name, inflation=inflation)
+    values, conversion = compute_keepout_mask(corridors, planner=name, inflation=inflation)
     assert conversion.saturated_share == 0
-    cost = planned.compute_costmap_costs(corridors.grid, values, inflation.steeper or inflation)
-    density = mask_density(corridors, inflation)
+    cost = planned.compute_costmap_costs(
+        corridors.grid, values, inflation.steep_variant or inflation
+    )
+    density = compute_mask_density(corridors, inflation)
     meant = Costmap.from_density(corridors.grid, np.where(np.isnan(density), np.inf, density))
     for start, goal in ENDS:
         path = planned.simulate_nav2_planner(
-            conversion.planner, conversion.param, corridors.grid, cost, start, goal
+            conversion.planner, conversion.parameter_value, corridors.grid, cost, start, goal
         )
         best = plan(meant, start, goal).metrics.cost
         assert path_metrics(meant, path).cost <= 1.15 * best
@@ -72,9 +74,9 @@ def test_the_inflation_is_that_of_nav2():
     for radius, factor in ((0.55, 10.0), (1.0, 2.5)):
         walls = np.where(cells == 0, ros_readers.LETHAL, 0).astype(np.uint8)
         expected = ros_readers.inflation(walls, 0.1, 0.23, radius, factor)
-        np.testing.assert_array_equal(inflated(radius, factor, 0.23).costs(grid), expected)
+        np.testing.assert_array_equal(inflated(radius, factor, 0.23).compute_costs(grid), expected)
     empty = dataclasses.replace(grid, cells=np.full((5, 5), FREE))
-    assert not inflated(0.7, 3.0).costs(empty).any()
+    assert not inflated(0.7, 3.0).compute_costs(empty).any()
 
 
 @pytest.mark.parametrize(
@@ -133,9 +135,9 @@ def test_masked_path_keeps_room_for_follower(tmp_path, corridors):
     ours = plan(corridors, (2, 3), (38, 3)).path
     conversion, texts, readme = exported(tmp_path, corridors, paths={"aware": ours})
     (path,) = conversion.paths
-    assert path.follows
+    assert path.is_equivalent
     assert path.least_clearance >= 0.39
-    x, y, clearance = conversion.closed[0]
+    x, y, clearance = conversion.closed_gaps[0]
     assert clearance == pytest.approx(0.325)
     assert f"closes the gap at ({x:.2f}, {y:.2f}), 0.3" in readme
     x, y = path.narrowest
@@ -149,7 +151,7 @@ def test_steeper_inflation_is_offered_with_its_price(tmp_path, corridors):
     ours = plan(corridors, (2, 3), (38, 3)).path
     wide = PARAMS.replace("radius: 0.7", "radius: 1.5").replace("factor: 3.0", "factor: 1.5")
     conversion, texts, readme = exported(tmp_path, corridors, wide, paths={"aware": ours})
-    assert not conversion.paths[0].follows
+    assert not conversion.paths[0].is_equivalent
     (option,) = [text for text in texts if "cost_scaling_factor: 10.0 (yours is 1.5)" in text]
     charged = [k * np.exp(-f * 0.4) for k, f in ((10.542, 10), (10.542, 1.5), (2.0, 1.5))]
     prices = "a cell costs {:.2f} per metre instead of {:.2f} ({:.2f} without".format(*charged)
@@ -180,5 +182,5 @@ def test_gap_without_wider_way_stays_open(tmp_path):
     costs = Costmap.from_layers(OccupancyGrid(cells, 0.1), u=np.full(cells.shape, 0.1), robot=ROBOT)
     path = plan(costs, (2.0, 3.0), (10.0, 3.0)).path
     conversion, texts, _ = exported(tmp_path, costs, paths={"door": path})
-    assert conversion.closed == ()
+    assert conversion.closed_gaps == ()
     assert any("smac2d's path for door passes 0.2" in text for text in texts)

@@ -15,8 +15,8 @@ from support.maps import ascii_map
 from locplan import save_map
 from locplan.errors import ConfigError, LocplanError
 from locplan.export.parameters import ParametersChanged
-from locplan.export.recommended_ways import make_recommended_ways
-from locplan.export.route_graph import to_geojson
+from locplan.export.recommended_routes import build_recommended_routes
+from locplan.export.route_graph import graph_to_geojson
 from locplan.export.user_graph import annotate_graph, nav2_graph
 from locplan.export.values import YawWarning
 from locplan.maps import OccupancyGrid
@@ -105,7 +105,7 @@ def test_edges_cost_what_their_lines_cost(costs):
 
 def test_our_graph_gets_its_costs_again(costs):
     path = Path(np.array([NODES[0], NODES[2], NODES[3], NODES[1]]))
-    ours = to_geojson(make_recommended_ways(costs, {"around": path}).graph)
+    ours = graph_to_geojson(build_recommended_routes(costs, {"around": path}).graph)
     for about in edges_in(annotate_graph(costs, ours)).values():
         assert about["metadata"]["localization"] == pytest.approx(about["cost"])
         assert {"length", "penalty", "integrated_u"} < {*about["metadata"]}
@@ -171,11 +171,11 @@ def properties_of(graph, place):
         ),
         (
             changed(lambda g: g["features"][1]["geometry"].update(coordinates=[400.0, 1.0])),
-            r"from 0,0 to 10,7 m, does not hold node 1; check the frame and the unit",
+            r"node 1 outside the map, which reaches from 0,0 to 10,7 m; check the frame",
         ),
         (
             graph_of(*swagger_graph()["features"], edge(20, 0, 3), edge(21, 2, 1)),
-            "walls or unknown space lie on edges 20, 21; move the nodes, or remove the edges",
+            "walls or unknown space on edges 20, 21; move the nodes, or remove the edges",
         ),
         (changed(lambda g: g.update(weight=math.nan)), "holds NaN, infinity or"),
     ],
@@ -194,7 +194,7 @@ def test_errors_list_at_most_ten_ids(costs):
 def test_edges_of_no_length_cannot_have_cost(costs):
     graph = graph_of(*swagger_graph()["features"], node(30, NODES[0]), edge(31, 0, 30))
     assert edges_in(annotate_graph(costs, graph))[31]["metadata"]["localization"] == 0.0
-    with pytest.raises(ConfigError, match="takes no cost of 0, which is that of edge 31"):
+    with pytest.raises(ConfigError, match="edge 31 without a length, and Nav2 rejects a cost of 0"):
         annotate_graph(costs, graph, set_cost=True)
 
 
@@ -240,7 +240,7 @@ def test_folder_has_graph_and_scorer(tmp_path, costs):
     (tmp_path / "wall.geojson").write_text(
         json.dumps(graph_of(*swagger_graph()["features"], edge(20, 0, 3)))
     )
-    with pytest.raises(LocplanError, match=r"wall\.geojson: walls or unknown space lie on edge 20"):
+    with pytest.raises(LocplanError, match=r"wall\.geojson: walls or unknown space on edge 20"):
         nav2_graph(tmp_path / "out2", costs, tmp_path / "wall.geojson")
 
 
@@ -266,7 +266,7 @@ def test_command_writes_costs_into_graph(run, tmp_path):
     for about in edges_in(written).values():
         assert about["cost"] == about["metadata"]["localization"] > 0
     refusals = {
-        "--graph is exported without paths": (
+        "--graph takes no paths": (
             "--graph",
             file,
             "--start",
@@ -274,8 +274,13 @@ def test_command_writes_costs_into_graph(run, tmp_path):
             "--goal",
             "8,5",
         ),
-        "--set-cost sets the cost of edges of --graph": ("--set-cost",),
-        "node 0 is in the frame 'map', and the map in 'odom'": ("--graph", file, "--frame", "odom"),
+        "--set-cost needs a route graph": ("--set-cost",),
+        "node 0 is in the frame 'map', but the map is in 'odom'": (
+            "--graph",
+            file,
+            "--frame",
+            "odom",
+        ),
         "gone.geojson: ": ("--graph", tmp_path / "gone.geojson"),
     }
     for message, options in refusals.items():

@@ -444,7 +444,7 @@ def layers(costs: Costmap) -> list[np.ndarray]:
 
 def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
     costs = two_headings(3.0)
-    orders.put_costmap(costs, tmp_path / "shared")
+    orders.write_costmap(costs, tmp_path / "shared")
     for each in (
         costs,
         costs.with_weight(2.0),
@@ -454,7 +454,7 @@ def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
         pickle.loads(pickle.dumps(costs)),
         costs.copy(),
         orders.read_costmap(tmp_path / "shared"),
-        orders.weighted_costmap(tmp_path / "shared", 8.0),
+        orders.read_weighted_costmap(tmp_path / "shared", 8.0),
     ):
         for layer in layers(each):
             with pytest.raises(ValueError, match="read-only"):
@@ -469,7 +469,7 @@ def test_processes_share_the_layers_of_headings_and_no_field(tmp_path):
     lidar = Lidar(range=1.5, beams=40, field_of_view_deg=180.0)
     field = covariance_field(grid, FieldConfig(Fisher(lidar), headings=4))
     costs = Costmap.from_field(field)
-    orders.put_costmap(costs, tmp_path / "shared")
+    orders.write_costmap(costs, tmp_path / "shared")
     shared = orders.read_costmap(tmp_path / "shared")
     assert "both" in vars(shared.of_heading)
     np.testing.assert_array_equal(shared.u_of_heading, costs.u_of_heading)

@@ -7,7 +7,7 @@ import pytest
 from support.cases import sample_cases
 from support.maps import ascii_map
 
-from locplan.comparison.journal import Journal
+from locplan.comparison.journal import RunJournal
 from locplan.errors import LocplanError
 from locplan.field import CovarianceField, load_config
 from locplan.maps import FREE, OccupancyGrid, load_map
@@ -126,7 +126,7 @@ def test_what_can_be_no_file_name_is_refused(name):
         load_config,
         read_queries,
         CovarianceField.load,
-        partial(Journal, settings={}),
+        partial(RunJournal, settings={}),
     ):
         with pytest.raises(LocplanError, match="must be a path, not"):
             read(name)

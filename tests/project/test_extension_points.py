@@ -67,11 +67,11 @@ class Straight:
 FORMAT = '''
 from dataclasses import dataclass
 
-from locplan.export.registry import ExportSummary, NoOptions, option
+from locplan.export.registry import ExportSummary, ExportOptions, option
 
 
 @dataclass(frozen=True, kw_only=True)
-class NameOptions(NoOptions):
+class NameOptions(ExportOptions):
     """The options of a name."""
 
     prefix: str = option("the ")
@@ -137,8 +137,8 @@ NEW_LINES = [
     ),
     (
         "export/formats.py",
-        '    Format("nav2-speed"',
-        '    Format("name", "a name", write_name, NameOptions, suffixes=(".txt",)),\n',
+        '    ExportFormat("nav2-speed"',
+        '    ExportFormat("name", "a name", write_name, NameOptions, suffixes=(".txt",)),\n',
     ),
     # command
     ("app/cli/application.py", '    "info":', '    "hello": "Start",\n'),

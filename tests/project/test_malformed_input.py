@@ -18,7 +18,7 @@ from support.maps import ascii_map
 
 from locplan._support import reading
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
-from locplan.comparison.journal import Journal
+from locplan.comparison.journal import RunJournal
 from locplan.errors import ConfigError, FieldError, LocplanError, MapError
 from locplan.export.registry import list_formats
 from locplan.field import (
@@ -379,7 +379,7 @@ def test_a_damaged_line_of_a_journal_is_named(tmp_path, changes):
         f'{{"format": "locplan comparison", "version": 2}}\n{line}\n'
     )
     with pytest.raises(LocplanError, match=r"runs.jsonl: line 2 is damaged; delete it"):
-        Journal(tmp_path / "runs.jsonl", {})
+        RunJournal(tmp_path / "runs.jsonl", {})
 
 
 @pytest.mark.parametrize("image", ["~", "null", '""', '"a\\0b"', '"\\ud800"'])
@@ -425,7 +425,7 @@ READ = {
     "drive.mcap": read_recording,
     "map.yaml": load_map,
     "nav2.yaml": read_parameters,
-    "journal": lambda file: Journal(file, {}),
+    "journal": lambda file: RunJournal(file, {}),
 }
 
 

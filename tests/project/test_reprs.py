@@ -66,9 +66,9 @@ def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
         locplan.planning.plan_field(costs, ENDS[1]): "CostToGo(two_corridors, to 38,3 m",
         drives: "Simulation(two_corridors, a: Drives(2 of 2.00 m, median error ",
         Simulator(grid): "Simulator(two_corridors, lidar, 6 m, 360°; radius 0.2 m, margin 0.05 m; ",
-        locplan.export.recommended_ways.make_recommended_ways(
+        locplan.export.recommended_routes.build_recommended_routes(
             costs, {"a": plan.path}
-        ): "RecommendedWays(1 of 1 ",
+        ): "RecommendedRoutes(1 of 1 ",
         locplan.Footprint([(0.5, 0.2), (0.5, -0.2), (-0.3, 0.0)]): "Footprint(3 corners, radii ",
     }
     for each, beginning in said.items():

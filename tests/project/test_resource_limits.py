@@ -14,8 +14,8 @@ from locplan._support import checks
 from locplan._support.kernels import drives
 from locplan.advice.tuning import tune
 from locplan.comparison import Execution, RandomQueries
-from locplan.comparison.journal import Journal
-from locplan.comparison.statistics import Run, Task
+from locplan.comparison.journal import RunJournal
+from locplan.comparison.statistics import PlannerRun, RunTask
 from locplan.errors import ConfigError
 from locplan.field import SearchWindow
 from locplan.field.compute import find_standing_cells
@@ -183,18 +183,20 @@ def test_a_lidar_in_a_wall_moves_to_the_nearest_free_cell_however_far_it_may():
 
 def test_a_full_disk_names_the_journal_of_a_comparison(tmp_path):
     resource = pytest.importorskip("resource", reason="Windows has no limits of a process")
-    run = Run(Task("room", "own", "query", 1.0, "grid", 0), "crashed", 1.0, 1.0, note="x" * 9999)
+    run = PlannerRun(
+        RunTask("room", "own", "query", 1.0, "grid", 0), "crashed", 1.0, 1.0, note="x" * 9999
+    )
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (5000, limits[1]))
     try:
         with (
             pytest.raises(LocplanError, match=r"runs\.jsonl: cannot be written \(File too large"),
-            Journal(tmp_path / "runs.jsonl", {}) as journal,
+            RunJournal(tmp_path / "runs.jsonl", {}) as journal,
         ):
             journal.add(run)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    with Journal(tmp_path / "others.jsonl", {}) as journal:
+    with RunJournal(tmp_path / "others.jsonl", {}) as journal:
         journal.add(run)
 
 

@@ -86,9 +86,13 @@ SAID = "robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0
         ("info", (), "locplan.planning.map_info.describe_map"),
         ("compare", ("-o", "compared"), "locplan.compare"),
         ("explore", ("--no-browser",), "locplan.app.explorer.explorer.open_explorer"),
-        ("export", ("--to", "nav2-keepout"), "locplan.export.nav2.keepout_mask"),
+        ("export", ("--to", "nav2-keepout"), "locplan.export.nav2.compute_keepout_mask"),
         ("export", ("--to", "nav2-speed"), "locplan.export.nav2.compute_speed_mask"),
-        ("export", ("--to", "nav2-routes", *ENDS), "locplan.export.recommended_ways.check_ways"),
+        (
+            "export",
+            ("--to", "nav2-routes", *ENDS),
+            "locplan.export.recommended_routes.check_routable_paths",
+        ),
     ],
 )
 def test_every_command_takes_the_size_of_the_robot(

@@ -9,14 +9,14 @@ import pickle
 import numpy as np
 
 from locplan.comparison import Execution, compare
-from locplan.comparison.statistics import Run, Task
+from locplan.comparison.statistics import PlannerRun, RunTask
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, Query
 
 
 def fake_runs(
     factors, queries=12, maps=("rooms", "office"), weights=(4.0,), seeds=3, noise=0.02, rng=0
-) -> list[Run]:
+) -> list[PlannerRun]:
     """Runs whose J is the planner's factor times the query's; "anytime" planners have seeds."""
     random = np.random.default_rng(rng)
     runs = []
@@ -28,21 +28,21 @@ def fake_runs(
                     drawn = planner.startswith("anytime")
                     for seed in range(1, seeds + 1) if drawn else (0,):
                         cost = base * factor * float(np.exp(random.normal(0, noise)))
-                        task = Task(map_name, "6 m", f"q{query}", weight, planner, seed)
+                        task = RunTask(map_name, "6 m", f"q{query}", weight, planner, seed)
                         runs.append(solved_run(task, cost, drawn))
     return runs
 
 
-def solved_run(task: Task, cost: float, anytime: bool = False, **measures) -> Run:
+def solved_run(task: RunTask, cost: float, anytime: bool = False, **measures) -> PlannerRun:
     values = {"cost": cost, "length": 0.8 * cost, "integrated_u": 0.05 * cost, "turning": 0.0}
     values |= {"degenerate_share": 0.2, "clearance": 0.3, **measures}
     seconds = 2.0 if anytime else 0.03
     history = ((0.1, 1.5 * cost), (0.5, 1.2 * cost), (1.0, cost)) if anytime else ()
-    return Run(task, "solved", seconds, seconds + 0.1, values, history)
+    return PlannerRun(task, "solved", seconds, seconds + 0.1, values, history)
 
 
-def failed_run(task: Task, status: str = "timeout") -> Run:
-    return Run(task, status, 2.0, 2.1, note="nothing found")
+def failed_run(task: RunTask, status: str = "timeout") -> PlannerRun:
+    return PlannerRun(task, status, 2.0, 2.1, note="nothing found")
 
 
 QUERIES = [Query("there", (1.5, 1.5), (14.5, 10.5)), Query("back", (14.5, 10.5), (1.5, 1.5))]

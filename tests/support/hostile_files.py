@@ -20,7 +20,7 @@ from PIL import Image
 from locplan._support.output import Output
 from locplan._support.runs import RunRecord, format_run, running
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
-from locplan.comparison.journal import Journal
+from locplan.comparison.journal import RunJournal
 from locplan.comparison.planners import PlannerSpec
 from locplan.export.user_graph import UserGraph
 from locplan.field import (
@@ -323,7 +323,7 @@ def read_drive(file: Path) -> None:
 
 
 def read_journal(file: Path) -> None:
-    with Journal(file, {}):
+    with RunJournal(file, {}):
         pass
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from locplan.export import nav2_keepout
-from locplan.export.masks import mask_density
+from locplan.export.masks import compute_mask_density
 from locplan.planning import Costmap, Path, path_metrics, plan
 from support import ros_readers
 
@@ -33,7 +33,7 @@ def apply_mask(folder, costs, stack="main"):
 
 def make_roomy(costs):
     """The costmap that a mask stands for, which has a follower's room."""
-    density = np.where(np.isfinite(costs.density), mask_density(costs), np.inf)
+    density = np.where(np.isfinite(costs.density), compute_mask_density(costs), np.inf)
     return Costmap.from_density(costs.grid, density)
 
 

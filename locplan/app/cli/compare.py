@@ -140,7 +140,7 @@ def compare(
             memory=None if memory is None else memory * 1e9,
             journal=output.output / "runs.jsonl",
             force=output.force,
-            field_of=lambda grid, config: field.compute(grid, config, threads),
+            load_field=lambda grid, config: field.compute(grid, config, threads),
             progress=progress,
         )
         result = locplan.compare(

@@ -36,7 +36,7 @@ from locplan.errors import ConfigError
 from locplan.export.registry import list_formats
 
 if TYPE_CHECKING:
-    from locplan.export.registry import ExportJob, Format
+    from locplan.export.registry import ExportFormat, ExportJob
     from locplan.field.config import FieldConfig
     from locplan.field.field import CovarianceField
 
@@ -177,7 +177,7 @@ def export(
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.title)]
     if job.costs.zones:
         rows.append(("zones", str(job.costs.zones)))
-    output.show(values, format_table([], [*rows, *job.rows, *summary.rows]), target)
+    output.show(values, format_table([], [*rows, *job.advice_rows, *summary.rows]), target)
 
 
 MakeJob = Callable[["CovarianceField"], "ExportJob"]
@@ -210,7 +210,7 @@ def _make_options_job(
 
 
 def _make_recommendation_job(
-    format: Format, folders: tuple[Path, ...], path_files: tuple[Path, ...]
+    format: ExportFormat, folders: tuple[Path, ...], path_files: tuple[Path, ...]
 ) -> tuple[FieldConfig, MakeJob]:
     """Return the field settings and a function that makes the job from saved recommendations."""
     from locplan.export import registry
@@ -234,7 +234,7 @@ def _make_recommendation_job(
     return first.config, make_job
 
 
-def _read_options(format: Format, options: Any, params: list[Path]) -> Any:
+def _read_options(format: ExportFormat, options: Any, params: list[Path]) -> Any:
     """Return the options of a format; raise a ConfigError if an option is for other formats."""
     fields = {field.name for field in dataclasses.fields(format.options)}
     values = {name: value for name, value in vars(options).items() if value is not None}

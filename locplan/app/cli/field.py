@@ -39,11 +39,11 @@ def field(
         Draw e, position_std, position_rms, heading_std, ambiguity or entropy.
     """
     from locplan._support.saved import to_plain_data
-    from locplan.export.batch import field_jobs, field_runs_table, run_field_jobs
+    from locplan.export.batch import format_field_runs, make_field_jobs, run_field_jobs
     from locplan.field.summary import FieldSummary
 
     _, config = options.resolve(robot.load())
-    jobs = field_jobs(maps, output.output, picture, config, force=output.force)
+    jobs = make_field_jobs(maps, output.output, picture, config, force=output.force)
 
     def compute(grid: locplan.OccupancyGrid) -> locplan.CovarianceField:
         return options.compute(grid, config, threads)
@@ -55,5 +55,5 @@ def field(
     runs = list(run_field_jobs(jobs, compute))
     failed = [run for run in runs if run.error]
     files = [output.output] if len(failed) < len(runs) else []
-    output.show([run.to_json() for run in runs], field_runs_table(runs), *files)
+    output.show([run.to_json() for run in runs], format_field_runs(runs), *files)
     return 2 if failed else 0

@@ -13,7 +13,7 @@ from locplan.app.explorer.plans import read_weight
 from locplan.app.explorer.scene import MapScene
 from locplan.errors import ConfigError
 from locplan.export.nav2 import nav2_keepout
-from locplan.export.registry import DISTRO, Distro
+from locplan.export.registry import DEFAULT_DISTRO, Distro
 from locplan.maps.files import save_map
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def export_masks(
     scene.check_field()
     if opening.folder is None:
         raise ConfigError("exports need an output folder; open the page with one")
-    distro = cast(Distro, question.choice("distro", get_args(Distro), DISTRO))
+    distro = cast(Distro, question.choice("distro", get_args(Distro), DEFAULT_DISTRO))
     costs = scene.costs.with_weight(read_weight(question, scene))
     job.progress(0, 1)
     make_folder(opening.folder)

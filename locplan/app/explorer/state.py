@@ -11,7 +11,7 @@ from locplan._support.checks import FARTHEST, check_number
 from locplan._support.poses import find_window
 from locplan.app.explorer.messages import MAX_WEIGHT, Question, QuestionJob
 from locplan.app.explorer.scene import MapScene
-from locplan.export.parameters import DISTRIBUTIONS
+from locplan.export.parameters import ROS_DISTRIBUTIONS
 from locplan.field.covariance import position_axes, scalar
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
@@ -43,7 +43,7 @@ def describe_session(session: Session) -> dict[str, Any]:
             }
             for name, lidar in LIDARS.items()
         ],
-        "distros": list(DISTRIBUTIONS),
+        "distros": list(ROS_DISTRIBUTIONS),
         "can_export": session.opening.folder is not None,
         "has_report": session.opening.report is not None,
         "max_weight": MAX_WEIGHT,

@@ -16,9 +16,9 @@ from locplan._support.kernels.rays import TOUCH, segment_cost
 
 @njit(nogil=True, cache=True)
 def line_cost(half: Array, columns: int, frame: Numbers, a: Array, b: Array) -> float:
-    """Integral along the line between two positions, the costlier way [density x cells].
+    """Integral along the line between two positions, in the costlier direction [density x cells].
 
-    Infinite where it is blocked either way, or an end lies outside the grid or at a blocked cell.
+    Infinite if either direction is blocked, or an end is outside the grid or at a blocked cell.
     """
     along, across, x, y = frame
     row0 = along * (a[1] - y) - across * (a[0] - x) + 1

@@ -17,10 +17,10 @@ from support.maps import ascii_map
 from locplan import load_or_compute, save_map
 from locplan.errors import ConfigError
 from locplan.export.figures import routes_figure
-from locplan.export.joined_ways import LineCosts, adjust_costs, join_paths, straighten_ways
 from locplan.export.parameters import DistroWarning
-from locplan.export.recommended_ways import make_recommended_ways, nav2_routes
-from locplan.export.route_graph import RouteGraph, to_geojson
+from locplan.export.path_joining import LineCosts, adjust_edge_costs, join_paths, straighten_routes
+from locplan.export.recommended_routes import build_recommended_routes, nav2_routes
+from locplan.export.route_graph import RouteGraph, graph_to_geojson
 from locplan.export.values import YawWarning
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OccupancyGrid, environments
@@ -50,7 +50,7 @@ def paths(costs):
 
 
 def cheapest(graph, start, goal):
-    before = dijkstra(graph.matrix, indices=start, return_predecessors=True)[1]
+    before = dijkstra(graph.cost_matrix, indices=start, return_predecessors=True)[1]
     route = [goal]
     while route[-1] != start:
         route.append(int(before[route[-1]]))
@@ -58,18 +58,18 @@ def cheapest(graph, start, goal):
 
 
 def test_ways_are_joined_and_free_and_cost_what_the_paths_cost(costs, paths):
-    found = make_recommended_ways(costs, paths)
+    found = build_recommended_routes(costs, paths)
     apart = sum(path.length for path in paths.values())
     assert found.graph.length.sum() < 0.7 * apart  # most of the corridor is one lane
-    assert connected_components(found.graph.matrix)[0] == 1
-    for name, way in found.ways.items():
+    assert connected_components(found.graph.cost_matrix)[0] == 1
+    for name, way in found.routes.items():
         xy = found.graph.nodes[list(way)]
         np.testing.assert_allclose(xy[[0, -1]], paths[name].xy[[0, -1]], atol=0.02)
         density = np.array([costs.density[costs.grid.cell(p)] for p in Path(xy).resample(0.01)])
         assert np.isinf(density).mean() < 0.002
         assert (
             path_metrics(costs, paths[name]).cost * 1.11
-            > LineCosts(costs).compute_chain_costs(xy).sum()
+            > LineCosts(costs).compute_polyline_costs(xy).sum()
         )
     e, u = found.graph.integrated_e, found.graph.integrated_u
     assert np.isfinite(e).all()
@@ -81,9 +81,9 @@ def test_the_cheapest_routes_are_the_recommended_ways(costs, paths):
         paths,
         {**paths, "dock to gate": plan(costs.with_weight(0), *list(STATIONS.values())[:2]).path},
     ):
-        found = make_recommended_ways(costs, given)
-        assert set(found.followed) == set(given)
-        for name, way in found.ways.items():
+        found = build_recommended_routes(costs, given)
+        assert set(found.followed_queries) == set(given)
+        for name, way in found.routes.items():
             route = found.graph.nodes[cheapest(found.graph, way[0], way[-1])]
             high, low = route[:, 1].max(), given[name].xy[:, 1].max()
             assert high == pytest.approx(low, abs=2.1)
@@ -91,10 +91,10 @@ def test_the_cheapest_routes_are_the_recommended_ways(costs, paths):
 
 
 def test_costs_change_only_where_another_route_is_cheaper(costs, paths):
-    least = make_recommended_ways(costs, {"dock to gate": paths["dock to gate"]})
-    assert least.changed == 0
+    least = build_recommended_routes(costs, {"dock to gate": paths["dock to gate"]})
+    assert least.n_changed_edges == 0
     graph = least.graph
-    expected = LineCosts(costs).costs(graph.nodes, graph.edges)
+    expected = LineCosts(costs).compute_costs(graph.nodes, graph.edges)
     np.testing.assert_allclose(graph.cost, expected)
 
 
@@ -104,15 +104,15 @@ def test_the_least_change_of_costs():
     edges = np.array([[0, 1], [0, 2], [1, 2], [1, 0], [2, 0], [2, 1]])
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
     given = nodes, edges, length, length
-    cost, followed = adjust_costs(*given, [[0, 2, 1]], np.ones(1) * 100)
+    cost, followed = adjust_edge_costs(*given, [[0, 2, 1]], np.ones(1) * 100)
     assert followed == [True]
     assert cost[0] > cost[1] + cost[5]
     np.testing.assert_allclose(np.abs(cost - length).sum(), 2 * math.hypot(5, 8) - 10, atol=0.03)
-    _, followed = adjust_costs(*given, [[0, 2, 1], [1, 0]], np.ones(2) * 100)
+    _, followed = adjust_edge_costs(*given, [[0, 2, 1], [1, 0]], np.ones(2) * 100)
     assert followed == [True, True]
     for first in (True, False):
         weights = np.array([200.0, 100.0] if first else [100.0, 200.0])
-        cost, followed = adjust_costs(*given, [[0, 2, 1], [0, 1]], weights)
+        cost, followed = adjust_edge_costs(*given, [[0, 2, 1], [0, 1]], weights)
         assert followed == [first, not first]
         assert (cost >= length - 1e-9).all()
 
@@ -123,7 +123,7 @@ def test_a_path_joins_a_lane_beside_it_and_leaves_it():
     lane = Path(np.array([[1.0, 5.0], [39.0, 5.0]]))
     beside = Path(np.array([[8.0, 8.0], [12.0, 6.0], [30.0, 6.0], [33.0, 2.0]]))
     far = Path(np.array([[8.0, 9.0], [33.0, 9.0]]))
-    nodes, ways = straighten_ways(lines, *join_paths(lines, {"b": beside, "a": lane, "c": far}))
+    nodes, ways = straighten_routes(lines, *join_paths(lines, {"b": beside, "a": lane, "c": far}))
     assert list(ways) == ["b", "a", "c"]
     on_lane = [node for node in ways["b"] if node in ways["a"]]
     assert len(on_lane) >= 2
@@ -141,7 +141,7 @@ def test_a_path_that_crosses_itself_becomes_a_way_without_the_loop():
     loop = Path(np.array(there))
     for given in ({"loop": loop}, {"lane": Path(loop.xy[1:3]), "loop": loop}):
         nodes, ways = join_paths(lines, given)
-        length = lines.compute_chain_costs(nodes[ways["loop"]]).sum()
+        length = lines.compute_polyline_costs(nodes[ways["loop"]]).sum()
         assert length == pytest.approx(4 + math.hypot(4, 6), rel=1e-6)
         edges = [(nodes[a], nodes[b]) for a, b in pairwise(ways["loop"])]
         assert all(math.dist(*edge) > 0.01 for edge in edges)
@@ -149,29 +149,29 @@ def test_a_path_that_crosses_itself_becomes_a_way_without_the_loop():
 
 
 def test_what_cannot_be_joined(costs):
-    with pytest.raises(ConfigError, match="no way to export"):
-        make_recommended_ways(costs, {"stay": Path(np.array([[2.0, 3.0]]))})
+    with pytest.raises(ConfigError, match="no path to export"):
+        build_recommended_routes(costs, {"stay": Path(np.array([[2.0, 3.0]]))})
     with pytest.raises(ConfigError, match="path wall leaves the map's free space"):
-        make_recommended_ways(costs, {"wall": Path(np.array([[2.0, 3.0], [20.0, 6.0]]))})
+        build_recommended_routes(costs, {"wall": Path(np.array([[2.0, 3.0], [20.0, 6.0]]))})
 
 
 def test_a_path_that_ends_where_it_starts_is_refused(costs, paths):
     """A server's route from a node to itself is empty."""
     round_trip = Path(np.array([[2.0, 3.0], [10.0, 3.0], [2.0, 3.015]]))
     for given in ({"round": round_trip}, {**paths, "round": round_trip}):
-        with pytest.raises(ConfigError, match="path round ends where it starts"):
-            make_recommended_ways(costs, given)
+        with pytest.raises(ConfigError, match="path round ends at its start"):
+            build_recommended_routes(costs, given)
     within_a_point = Path(np.array([[2.0, 3.0], [2.012, 3.0]]))
-    found = make_recommended_ways(costs, {**paths, "stay": within_a_point})
-    assert set(found.ways) == set(paths)
+    found = build_recommended_routes(costs, {**paths, "stay": within_a_point})
+    assert set(found.routes) == set(paths)
 
 
 def test_maps_far_from_the_origin_are_too_coarse():
     """Nav2 keeps positions in single precision, whose step is 0.25 m there."""
     grid = OccupancyGrid(np.full((50, 50), 254), 0.1, (4e6, 0.0, 0.0))
     path = Path(np.array([[4e6 + 1, 1.0], [4e6 + 4, 4.0]]))
-    with pytest.raises(ConfigError, match="too coarse for Nav2"):
-        make_recommended_ways(Costmap.blank(grid), {"there": path})
+    with pytest.raises(ConfigError, match="too far for Nav2's single"):
+        build_recommended_routes(Costmap.blank(grid), {"there": path})
 
 
 def features_of(folder):
@@ -193,7 +193,7 @@ def test_a_folder_holds_graph_and_table(tmp_path, costs, paths):
     }
     with open(tmp_path / "routes" / "routes.csv", newline="") as file:
         rows = {row["query"]: row for row in csv.DictReader(file)}
-    for name, way in found.ways.items():
+    for name, way in found.routes.items():
         start, goal = (points[int(rows[name][end])] for end in ("start_id", "goal_id"))
         np.testing.assert_allclose(start["geometry"]["coordinates"], paths[name].xy[0], atol=0.02)
         np.testing.assert_allclose(goal["geometry"]["coordinates"], paths[name].xy[-1], atol=0.02)
@@ -247,7 +247,7 @@ def test_a_path_along_an_edge_is_exported_in_single_precision():
     y = 0.8 - 1e-9
     assert float(np.float32(y)) > 0.8  # in a blocked cell
     along = Path(np.array([[0.35, y], [3.0, y], [5.05, y]]))
-    ways = make_recommended_ways(costs, {"along": along})
+    ways = build_recommended_routes(costs, {"along": along})
     assert ways.graph.cost.sum() / 2 == pytest.approx(along.length, rel=1e-3)
 
 
@@ -256,9 +256,11 @@ def test_command_writes_paths_as_routes(run, tmp_path):
     for name, rows in (("there", "1,1\n9,1"), ("up", "1,1\n1,2.5"), ("round", "1,1\n9,1\n1,1")):
         (tmp_path / f"{name}.csv").write_text(f"x,y\n{rows}\n")
     ask = "export", tmp_path / "hall.yaml", "--to", "nav2-routes", "-o", tmp_path / "out"
-    assert "needs paths: --path CSV or --choice FOLDER" in check_refusal(run(*ask))
+    assert "needs paths; add --path CSV, --choice FOLDER or --graph FILE" in check_refusal(
+        run(*ask)
+    )
     refusal = check_refusal(run(*ask, "--path", tmp_path / "round.csv"))
-    assert "path round ends where it starts" in refusal
+    assert "path round ends at its start" in refusal
     given = "--path", tmp_path / "there.csv", "--path", tmp_path / "up.csv"
     code, out, _ = run(*ask, *given, "--start", "9,1", "--goal", "9,2.5", "--json")
     assert code == 0
@@ -266,7 +268,7 @@ def test_command_writes_paths_as_routes(run, tmp_path):
 
 
 def test_routes_figure_colours_cost_per_metre(costs, paths):
-    graph = make_recommended_ways(costs, paths).graph
+    graph = build_recommended_routes(costs, paths).graph
     figure = routes_figure(costs, graph, "routes")
     axes, bar = figure.axes
     (lines,) = axes.collections
@@ -274,12 +276,12 @@ def test_routes_figure_colours_cost_per_metre(costs, paths):
     assert np.allclose(lines.get_array(), (graph.cost / graph.length)[order])
     assert np.allclose(np.array(lines.get_segments()), graph.nodes[graph.edges[order]])
     assert lines.get_clim() == (1.0, max(1.1, (graph.cost / graph.length).max()))
-    assert bar.get_ylabel() == "cost per metre of an edge"
+    assert bar.get_ylabel() == "cost per metre of the edge"
 
 
 def test_geojson_adds_up_by_nav2_scorers(costs, paths):
-    graph = make_recommended_ways(costs, paths).graph
-    features = json.loads(json.dumps(to_geojson(graph), allow_nan=False))["features"]
+    graph = build_recommended_routes(costs, paths).graph
+    features = json.loads(json.dumps(graph_to_geojson(graph), allow_nan=False))["features"]
     points = [f for f in features if f["geometry"]["type"] == "Point"]
     lines = [f["properties"] for f in features if f["geometry"]["type"] == "LineString"]
     nodes = {p["properties"]["id"]: p["geometry"]["coordinates"] for p in points}
@@ -297,5 +299,5 @@ def test_geojson_writes_whole_numbers_as_floats():
     one = np.ones(1)
     ends, edge = np.array([[0.0, 0.0], [3.0, 0.0]]), np.array([[0, 1]])
     graph = RouteGraph(ends, edge, 3 * one, 3 * one, np.nan * one, np.nan * one)
-    (line,) = to_geojson(graph)["features"][2:]
+    (line,) = graph_to_geojson(graph)["features"][2:]
     assert '"length": 3.0, "penalty": 0.0' in json.dumps(line)
