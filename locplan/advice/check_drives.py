@@ -118,7 +118,7 @@ class FixTrials:
 
     Parameters
     ----------
-    site : Site
+    scenario : Scenario
         The site of the baseline.
     effort : Effort
         Amount of drives.

@@ -51,7 +51,7 @@ class ScenarioRunner:
 
     Parameters
     ----------
-    site : Site
+    scenario : Scenario
         The scenario.
     seed : int
         Seed of all random numbers.

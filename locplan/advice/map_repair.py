@@ -69,7 +69,7 @@ class RepairedMap(Result):
     """Result of `repair`: the map for the filter, and the verdict on it."""
 
     files: ClassVar[ResultFiles] = ResultFiles(
-        "mend",
+        "repair",
         (
             *("repair.json", "repair.png", "repair.csv", "map_amcl.yaml", "map_amcl.pgm"),
             *("servers.yaml", "localizability.launch.xml", "amcl.yaml", "README.md", "map.yaml"),

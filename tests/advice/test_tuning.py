@@ -128,7 +128,9 @@ def test_precise_preset_needs_all_levels():
     assert "47 % [35, 59] of the drives if odometry stands still" in choice.objections[PRECISE]
     assert choice.untested_error == pytest.approx(0.05, abs=0.001)
     advice = choice.advise_recording(["locplan", "check", "lab.yaml"])
-    assert advice.startswith("Precise settings reach 0.050 m, but a robot that gets lost with them")
+    assert advice.startswith(
+        "Precise settings lower the error to 0.050 m, but a robot that gets lost with them"
+    )
     assert "`locplan check lab.yaml --recording FILE`" in advice
 
 
@@ -672,4 +674,4 @@ def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch,
     command[1:2] = [tmp_path / "map.yaml"] * 3
     code, said = run("--recording", tmp_path / "drive.npz")
     assert code == 2
-    assert "2 recordings, 3 maps" in said.err
+    assert "2 recordings and 3 maps" in said.err
