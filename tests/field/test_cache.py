@@ -111,7 +111,7 @@ def test_nothing_of_anybody_elses_is_touched(three, tmp_path):
 
 
 def test_one_that_cannot_be_removed_does_not_keep_the_rest(three, tmp_path, monkeypatch):
-    remove = cache.remove
+    remove = cache.remove_entry
 
     def all_but_one(field):
         if field == three[2]:
