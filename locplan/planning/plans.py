@@ -247,7 +247,7 @@ def plan_with_shortest(
     aware_planner = make_planner(planner, options, robot=costs.robot)
     if free and len(solved_plans) == 2 and not has_option(aware_planner, "seed"):
         shortest, aware = (
-            min(solved_plans, key=lambda one: getattr(one.metrics, measure))
+            min(solved_plans, key=lambda candidate: getattr(candidate.metrics, measure))
             for measure in ("length", "cost")
         )
     return {SHORTEST: shortest, AWARE: aware}

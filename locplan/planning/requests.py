@@ -149,7 +149,7 @@ def _check_sound(planner_result: object, costs: Costmap, start: Position, goal: 
         )
     if planner_result.path is None:
         if planner_result.status == "solved":
-            raise LocplanError("the planner says it has solved the query, but returned no path")
+            raise LocplanError('the planner returned the status "solved" without a path')
         return
     end_offsets = np.hypot(*(planner_result.path.xy[[0, -1]] - np.array([start[:2], goal[:2]])).T)
     if end_offsets.max() > 1.5 * costs.grid.resolution:

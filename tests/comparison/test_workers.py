@@ -99,7 +99,7 @@ def test_every_failure_costs_one_run(capfd):
     assert notes["leave"] == "its process ended with exit code 3"
     assert notes["fail"] == "ValueError: no idea"
     assert notes["refuse"] == "not on this map"
-    assert "says it has solved" in notes["boast"]
+    assert 'status "solved" without a path' in notes["boast"]
     assert "cannot be" in notes["trespass"]
     assert "does not lead" in notes["stray"]
     assert "must return a locplan.Path" in notes["print_something"]

@@ -185,7 +185,7 @@ class Ompl:
             return PlannerResult(
                 status="not found" if limits.time_limit is None else "timeout", note=note
             )
-        path = min(paths, key=lambda one: path_metrics(costs, one).cost)
+        path = min(paths, key=lambda path: path_metrics(costs, path).cost)
         history = (*limits.history, (time.perf_counter() - began, path_metrics(costs, path).cost))
         return PlannerResult(
             straighten_path(costs, path) if self.improve else path, history=history
