@@ -42,7 +42,7 @@ from locplan.recordings.replays import (
     ReplayedDrive,
     ReplayInputs,
     find_replay_limit,
-    sparse_notes,
+    find_sparse_notes,
 )
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import AMCL_PRESETS, describe_preset
@@ -646,7 +646,7 @@ def tune_on_drive(
     )
     beams_left = min(map(_count_returned_beams, drives_on_maps), key=lambda left: left.returned)
     sparse = dict.fromkeys(
-        note for drive in recordings for note in sparse_notes(drive, drive_robot.amcl)
+        note for drive in recordings for note in find_sparse_notes(drive, drive_robot.amcl)
     )
     of_faults = [
         f"{replayed_drive.name}: {text.rstrip('.')}"
@@ -680,5 +680,5 @@ def _check_drive(drive: ReplayedDrive) -> None:
 def _count_returned_beams(drive: ReplayedDrive) -> BeamCount:
     """Return the numbers of compared and returned beams on a drive."""
     tracks = ReplayInputs(drive.recording, check_filter_map(drive.filter_map, drive.grid))
-    ends = tracks.ends(drive.robot.amcl)
+    ends = tracks.select_ends(drive.robot.amcl)
     return BeamCount(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))

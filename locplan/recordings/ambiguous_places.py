@@ -21,7 +21,7 @@ from locplan.recordings.matching import (
     WRONG_DISTANCE,
     RangeDatabase,
     ScanOnMap,
-    checked_database,
+    resolve_database,
     run_in_batches,
     select_spaced_places,
 )
@@ -155,14 +155,14 @@ def find_ambiguous_places(
             f"spacing must be at least a cell of the map, {grid.resolution:g} m, not {spacing:g}"
         )
     workers = check_threads(threads)
-    database = checked_database(grid, lidar, robot.radius, None).everywhere
+    database = resolve_database(grid, lidar, robot.radius, None).full_database
     positions = select_spaced_places(spacing, database.fits, grid.resolution)
     count = 1 if lidar.is_heading_independent else HEADINGS
     headings = np.arange(count, dtype=np.float64) * (2 * math.pi / count)
     poses = np.column_stack(
         [np.repeat(positions, count, axis=0), np.tile(headings, len(positions))]
     )
-    ranges = database.scans_at(poses)
+    ranges = database.simulate_scans(poses)
 
     def compare(scan_numbers: Ints) -> list[tuple[float, float]]:
         return [_compare_elsewhere(database, ranges[n], poses[n]) for n in scan_numbers]
@@ -183,8 +183,8 @@ def _compare_elsewhere(
 
     The scan of a pose, x, y [cells] and heading on the map, is matched with the whole map.
     """
-    modes = ScanOnMap(database, ranges).modes(home)
-    if modes.returns < MIN_RETURNS:
+    modes = ScanOnMap(database, ranges).find_modes(home)
+    if modes.n_returns < MIN_RETURNS:
         return 0.0, 1.0
     distances = np.hypot(*(modes.poses[:, :2] - home[:2]).T) * database.grid.resolution
     turn = np.abs(wrap_angles(modes.poses[:, 2] - home[2]))

@@ -41,7 +41,7 @@ from locplan._support.poses import (
 from locplan._support.progress import ProgressCallback
 from locplan._support.public import require_extra
 from locplan.errors import LocplanError, RecordingError
-from locplan.recordings.logs import ReadOptions, ScanRows, Source
+from locplan.recordings.logs import ReadOptions, ScanRows, RecordingSource
 from locplan.recordings.recording import Recording
 
 MAX_CHUNK_BYTES = 2**26
@@ -67,7 +67,7 @@ def read_bag(
         runs backwards.
     """
     with _open_bag(path) as bag:
-        topic = _scan_topic(bag, options.scan_topic)
+        topic = _choose_scan_topic(bag, options.scan_topic)
         scans = _read_scans(bag, topic, options, progress)
         bag_poses = _collect_poses(bag, topic, options, scans, progress)
     scan_poses, notes = bag_poses.find_scan_poses(), bag_poses.notes
@@ -77,10 +77,10 @@ def read_bag(
             f"{len(scans.times) - len(usable_scans)} of {len(scans.times)} scans have no pose"
         )
     rows = scans.rows
-    if rows.resampled:
-        of = f"{rows.resampled} of {len(rows)}"
+    if rows.n_resampled:
+        of = f"{rows.n_resampled} of {len(rows)}"
         notes.append(f"scans of other angles were brought to those of the first ({of})")
-    lidar = rows.lidar(scan_poses.mount, scan_poses.upside_down)
+    lidar = rows.make_lidar(scan_poses.mount, scan_poses.upside_down)
     ranges = rows.finish([scans.order[n] for n in usable_scans])
     if scan_poses.upside_down:
         ranges = ranges[:, ::-1]
@@ -98,7 +98,7 @@ def read_bag(
     return Recording(ranges, lidar, scan_poses.poses[usable_scans], times, odometry, source, speeds)
 
 
-def _scan_topic(bag: Bag, requested_topic: str | None) -> str:
+def _choose_scan_topic(bag: BagReader, requested_topic: str | None) -> str:
     """The topic of the scans: the one that is named, or the only one."""
     topics = bag.find_topics(MessageType.SCAN)
     if requested_topic is not None:
@@ -134,7 +134,9 @@ class _BagScans:
     """Number of scans with stamps before that of one that was logged earlier."""
 
 
-def _window(bag: Bag, options: ReadOptions, margin: float = 0.0) -> tuple[int | None, int | None]:
+def _compute_log_window(
+    bag: BagReader, options: ReadOptions, margin: float = 0.0
+) -> tuple[int | None, int | None]:
     """Times of the log between which messages are read [ns], with a margin around them [s]."""
     if options.window is None:
         return None, None
@@ -143,14 +145,14 @@ def _window(bag: Bag, options: ReadOptions, margin: float = 0.0) -> tuple[int | 
 
 
 def _read_scans(
-    bag: Bag, topic: str, options: ReadOptions, progress: ProgressCallback | None
+    bag: BagReader, topic: str, options: ReadOptions, progress: ProgressCallback | None
 ) -> _BagScans:
     rows, stamps, frame = ScanRows(options.range_limits), list[float](), ""
     latest, stamps_back = -np.inf, 0
-    window = _window(bag, options)
-    for message in bag.messages([topic], *window, options.every, progress):
+    window = _compute_log_window(bag, options)
+    for message in bag.read_messages([topic], *window, options.every, progress):
         scan = message.content
-        stamp = _seconds(scan.header.stamp, message.logged)
+        stamp = _convert_stamp(scan.header.stamp, message.logged)
         if stamp < latest - 0.5:  # messages overtake each other, but not by as much
             raise RecordingError(
                 f"the clock of {topic} runs backwards by {latest - stamp:.3g} s at"
@@ -171,18 +173,22 @@ def _read_scans(
 
 
 def _collect_poses(
-    bag: Bag, topic: str, options: ReadOptions, scans: _BagScans, progress: ProgressCallback | None
+    bag: BagReader,
+    topic: str,
+    options: ReadOptions,
+    scans: _BagScans,
+    progress: ProgressCallback | None,
 ) -> BagPoses:
     """Transforms, poses and odometry near the times of the scans."""
-    window = _window(bag, options, 5.0)
-    topics = _pose_topics(bag, options)
+    window = _compute_log_window(bag, options, 5.0)
+    topics = _find_pose_topics(bag, options)
     topic_list = bag.describe_topics()
     poses = {
         topic_name: kind for topic_name, kind in topics.items() if kind != MessageType.ODOMETRY
     }
     bag_poses = BagPoses(FrameTree([]), scans.times, scans.frame, options, topic_list)
-    for message in bag.messages(poses, *window, progress=progress):
-        _take(message, poses, bag_poses, scans.times)
+    for message in bag.read_messages(poses, *window, progress=progress):
+        _add_pose(message, poses, bag_poses, scans.times)
     # The poses of AMCL are few: they need odometry at their own times, too.
     samples = [
         np.concatenate([part[:, 0] for part in topic_name.track.samples()])
@@ -193,14 +199,14 @@ def _collect_poses(
     times = knots[np.isfinite(knots)].tolist()
     tree = FrameTree(times)
     bag_poses = replace(bag_poses, tree=tree)
-    of_tf = _near_namespace(bag.find_topics(MessageType.TF), topic)
+    of_tf = _select_in_namespace(bag.find_topics(MessageType.TF), topic)
     static = [topic_name for topic_name in of_tf if topic_name.endswith("tf_static")]
-    for message in bag.messages(static):
+    for message in bag.read_messages(static):
         for topic_name in message.content.transforms:
             tree.add_static(
                 topic_name.header.frame_id,
                 topic_name.child_frame_id,
-                _transform(topic_name.transform),
+                _make_transform(topic_name.transform),
             )
     odometry_topics = topics.keys() - poses.keys()
     topics = {
@@ -208,14 +214,14 @@ def _collect_poses(
     }
     topics |= {topic_name: MessageType.TF for topic_name in of_tf if topic_name not in static}
     count = 0
-    for message in bag.messages(topics, *window, progress=progress):
+    for message in bag.read_messages(topics, *window, progress=progress):
         if topics[message.topic] != MessageType.TF:
-            _take(message, topics, bag_poses, times)
+            _add_pose(message, topics, bag_poses, times)
             continue
         for topic_name in message.content.transforms:
             time, pose = (
-                _seconds(topic_name.header.stamp, message.logged),
-                _transform(topic_name.transform),
+                _convert_stamp(topic_name.header.stamp, message.logged),
+                _make_transform(topic_name.transform),
             )
             tree.add(time, topic_name.header.frame_id, topic_name.child_frame_id, pose)
         count += 1
@@ -224,8 +230,8 @@ def _collect_poses(
     return bag_poses
 
 
-def _take(
-    message: Message, topics: dict[str, str], bag_poses: BagPoses, times: Sequence[float]
+def _add_pose(
+    message: BagMessage, topics: dict[str, str], bag_poses: BagPoses, times: Sequence[float]
 ) -> None:
     """Take a pose of a topic, of the type that is named for it."""
     content, kind = message.content, topics[message.topic]
@@ -234,13 +240,16 @@ def _take(
         frame = frame_name(content.header.frame_id)
         bag_poses.topics[message.topic] = PoseTopic(kind, frame, child, Track(times), Track(times))
     pose = content.pose if kind == MessageType.POSE else content.pose.pose
-    topic, time = bag_poses.topics[message.topic], _seconds(content.header.stamp, message.logged)
-    topic.track.add(time, _transform_from_parts(pose.position, pose.orientation))
+    topic, time = (
+        bag_poses.topics[message.topic],
+        _convert_stamp(content.header.stamp, message.logged),
+    )
+    topic.track.add(time, _join_transform(pose.position, pose.orientation))
     if kind == MessageType.ODOMETRY:
         topic.speeds.add(time, (content.twist.twist.linear.x, *IDENTITY[1:]))
 
 
-def _pose_topics(bag: Bag, options: ReadOptions) -> dict[str, str]:
+def _find_pose_topics(bag: BagReader, options: ReadOptions) -> dict[str, str]:
     """Topics of poses and odometry that may be needed, and their types."""
     topics: dict[str, str] = {}
     for kind in (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE, MessageType.ODOMETRY):
@@ -268,7 +277,7 @@ def _is_wanted_topic(topic: str, kind: str, options: ReadOptions) -> bool:
     return options.pose_topic is None and not topic.endswith(not_the_robots)
 
 
-def _near_namespace(topics: Sequence[str], scan: str) -> list[str]:
+def _select_in_namespace(topics: Sequence[str], scan_topic: str) -> list[str]:
     """Of the TF topics of several robots those in the namespace of the scans; else all.
 
     Examples
@@ -279,25 +288,33 @@ def _near_namespace(topics: Sequence[str], scan: str) -> list[str]:
     ['/tf', '/tf_static']
     """
     spaces = {topic: topic.rpartition("/")[0] + "/" for topic in topics}
-    scan_spaces = [space for space in spaces.values() if scan.startswith(space)]
+    scan_spaces = [space for space in spaces.values() if scan_topic.startswith(space)]
     best = max(scan_spaces, key=len, default=None)
     return [topic for topic in topics if best is None or spaces[topic] == best]
 
 
-def _seconds(stamp: Any, logged: int) -> float:
+def _convert_stamp(stamp: Any, logged: int) -> float:
     """Time of a stamp, or where it is zero that of the log [s]."""
     total = stamp.sec + 1e-9 * stamp.nanosec
     return float(total) if total else logged * 1e-9
 
 
-def _transform(message: Any) -> Transform:
+def _make_transform(message: Any) -> Transform:
     """A transform of a geometry_msgs/Transform."""
-    return _transform_from_parts(message.translation, message.rotation)
+    return _join_transform(message.translation, message.rotation)
 
 
-def _transform_from_parts(place: Any, turn: Any) -> Transform:
+def _join_transform(position: Any, quaternion: Any) -> Transform:
     """A transform of a position and a quaternion."""
-    return (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+    return (
+        position.x,
+        position.y,
+        position.z,
+        quaternion.x,
+        quaternion.y,
+        quaternion.z,
+        quaternion.w,
+    )
 
 
 class PoseTopic(NamedTuple):
@@ -321,7 +338,7 @@ class ScanPoses:
     """Speeds ahead by odometry, (n,) [m/s]; NaN where unknown."""
     mount: tuple[float, float, float]
     upside_down: bool
-    source: Source
+    source: RecordingSource
     """Where all of it comes from."""
 
     @property
@@ -379,10 +396,10 @@ class BagPoses:
         for topic in (self.options.pose_topic, self.options.odom_topic):
             if topic is not None and topic not in self.topics:
                 raise RecordingError(f"has no message on {topic} near the scans; name another one")
-        base = self._base_frame()
-        mount, upside_down = self._mount(base)
-        reported, odometry_from = self._odometry(base)
-        poses, poses_from, map_frame = self._poses(base, reported, odometry_from)
+        base = self._choose_base_frame()
+        mount, upside_down = self._find_mount(base)
+        reported, odometry_from = self._find_odometry(base)
+        poses, poses_from, map_frame = self._find_poses(base, reported, odometry_from)
         is_located = np.isfinite(poses).all(axis=1)
         if not poses_from:
             reported, odometry_from = None, ""
@@ -404,17 +421,17 @@ class BagPoses:
                     f"{odometry_from} tells odometry at only {odometry_share:.0%} of the scans"
                 )
                 odometry, odometry_from = None, ""
-        source = Source(
+        source = RecordingSource(
             poses=poses_from,
             odometry=odometry_from,
             map_frame=map_frame,
             base_frame=base,
             lidar_frame=self.lidar_frame,
         )
-        speeds = None if odometry is None else self._speeds(odometry_from)
+        speeds = None if odometry is None else self._find_speeds(odometry_from)
         return ScanPoses(poses, odometry, speeds, mount, upside_down, source)
 
-    def _speeds(self, odometry_from: str) -> Floats | None:
+    def _find_speeds(self, odometry_from: str) -> Floats | None:
         """Speeds ahead at the scans, of the topic of odometry; None if there are several, or 0."""
         topics = self.find_odometry_topics()
         if len(topics) != 1 and odometry_from not in topics:
@@ -433,7 +450,7 @@ class BagPoses:
             base = (self.options.base_frame or "").lstrip("/")
             tree.drop_unrelated_tracks(self.map_frame, {self.lidar_frame, base, *robot_frames})
 
-    def _base_frame(self) -> str:
+    def _choose_base_frame(self) -> str:
         """Frame of the robot: the one that is named, that of odometry, or one of a usual name."""
         frames = self.tree.frames
         if self.options.base_frame is not None:
@@ -467,7 +484,7 @@ class BagPoses:
             return self.lidar_frame
         return reported[0] if reported else BASES[1]
 
-    def _mount(self, base: str) -> tuple[tuple[float, float, float], bool]:
+    def _find_mount(self, base: str) -> tuple[tuple[float, float, float], bool]:
         """Pose of the lidar on the robot [m, m, rad], and whether it is upside down."""
         lidar = self.lidar_frame
         if self.options.mount is not None:
@@ -501,7 +518,7 @@ class BagPoses:
         x, y, yaw = flat[0].tolist()
         return (x, y, yaw), bool(up[0] < 0)
 
-    def _poses(
+    def _find_poses(
         self, base: str, reported: Floats | None, odometry_from: str
     ) -> tuple[Floats, str, str]:
         """Poses of the robot at the scans, where they come from, and the frame they are in.
@@ -513,7 +530,7 @@ class BagPoses:
             pose = tree.pose(frame, base) if {frame, base} <= set(tree.frames) else None
             if pose is not None:
                 return project_to_plane(pose)[self.at_scans], f"TF {frame} -> {base}", frame
-            topic = self._only_topic()
+            topic = self._choose_pose_topic()
         if topic is None and not self.options.needs_poses:
             return np.full((len(self.times), 3), np.nan), "", ""
         is_expected = frame in tree.frames or self.options.map_frame != ReadOptions.map_frame
@@ -524,7 +541,7 @@ class BagPoses:
             )
             return reported[self.at_scans], odometry_from, ""
         if topic is None:
-            raise self._no_poses(base)
+            raise self._make_no_poses_error(base)
         pose_topic = self.topics[topic]
         if pose_topic.track.left_out:
             self.notes.append(
@@ -543,7 +560,7 @@ class BagPoses:
             poses = np.where(np.isfinite(carried), carried, poses)
         return poses, topic, pose_topic.frame
 
-    def _only_topic(self) -> str | None:
+    def _choose_pose_topic(self) -> str | None:
         """The only topic of poses, of the type that tells most; None without any."""
         for kind in (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE, MessageType.ODOMETRY):
             topics = [
@@ -560,7 +577,7 @@ class BagPoses:
                 )
         return None
 
-    def _no_poses(self, base: str) -> RecordingError:
+    def _make_no_poses_error(self, base: str) -> RecordingError:
         """Return the error of a bag that has neither poses nor one odometry."""
         several = [*self.find_odometry_topics()]
         other = f", or one odometry with odom_topic={several[0]!r}" if several else ""
@@ -574,7 +591,7 @@ class BagPoses:
             f" {self.tree.describe_groups()}; name others with map_frame= and base_frame={other}"
         )
 
-    def _odometry(self, base: str) -> tuple[Floats | None, str]:
+    def _find_odometry(self, base: str) -> tuple[Floats | None, str]:
         """Odometry at all times of the tree, if there is some that is not the poses themselves."""
         requested_topic, of_poses = self.options.odom_topic, self.options.pose_topic
         topics = [
@@ -660,7 +677,7 @@ class MessageType(StrEnum):
     ODOMETRY = "nav_msgs/msg/Odometry"
 
 
-class Message(NamedTuple):
+class BagMessage(NamedTuple):
     """A message: its topic, time of the log [ns], and content."""
 
     topic: str
@@ -668,7 +685,7 @@ class Message(NamedTuple):
     content: Any
 
 
-class Bag:
+class BagReader:
     """A bag that is open for reading; made by `_opened`."""
 
     def __init__(self, reader: Any, typestore: Any, ros1: bool) -> None:
@@ -682,7 +699,9 @@ class Bag:
     def find_topics(self, *types: str) -> list[str]:
         """Names of the topics of these types that have messages."""
         connections = (
-            connection for connection in self._reader.connections if _type(connection) in types
+            connection
+            for connection in self._reader.connections
+            if _get_message_type(connection) in types
         )
         return list(dict.fromkeys(connection.topic for connection in connections))
 
@@ -694,14 +713,14 @@ class Bag:
             if connection.topic in topics
         )
 
-    def messages(
+    def read_messages(
         self,
         topics: Collection[str],
         start: int | None = None,
         stop: int | None = None,
         step: int = 1,
         progress: ProgressCallback | None = None,
-    ) -> Iterator[Message]:
+    ) -> Iterator[BagMessage]:
         """Every n-th message of some topics, in the order of the log, within times of it [ns].
 
         Only these are decoded, one at a time.
@@ -723,30 +742,30 @@ class Bag:
         if progress:
             progress(total, total)
 
-    def _decode(self, connection: Any, logged: int, raw: bytes) -> Message:
+    def _decode(self, connection: Any, logged: int, raw: bytes) -> BagMessage:
         """A message that was read."""
         store = self._typestore
         decode = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
-        return Message(connection.topic, logged, decode(raw, _type(connection)))
+        return BagMessage(connection.topic, logged, decode(raw, _get_message_type(connection)))
 
     def describe_topics(self) -> str:
         """The topics and their types, for an error message."""
         connections = self._reader.connections
         names = {
-            f"{connection.topic} ({_type(connection).replace('/msg/', '/')})"
+            f"{connection.topic} ({_get_message_type(connection).replace('/msg/', '/')})"
             for connection in connections
         }
         return ", ".join(sorted(names)) or "none"
 
 
-def _type(connection: Any) -> str:
+def _get_message_type(connection: Any) -> str:
     """Type of a topic's messages, or the newer one of the same layout."""
     kind = str(connection.msgtype)
     return MessageType.TF if kind == "tf/msg/tfMessage" else kind
 
 
 @contextmanager
-def _open_bag(path: Path) -> Iterator[Bag]:
+def _open_bag(path: Path) -> Iterator[BagReader]:
     """Open a bag: a file .mcap, .db3 or .bag, or a folder of rosbag2.
 
     Whatever goes wrong while it is read becomes a RecordingError of one line.
@@ -780,7 +799,7 @@ def _open_bag(path: Path) -> Iterator[Bag]:
             if ros1:  # its TFMessage is missing
                 transforms = "geometry_msgs/TransformStamped[] transforms"
                 store.register(get_types_from_msg(transforms, MessageType.TF))
-            yield Bag(reader, store, ros1)
+            yield BagReader(reader, store, ros1)
     except LocplanError:
         raise
     except Exception as error:  # rosbags lets errors of many kinds out where a bag is damaged

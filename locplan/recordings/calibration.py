@@ -22,11 +22,11 @@ from locplan._support.progress import ProgressCallback
 from locplan._support.tables import format_table
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
-from locplan.recordings.evaluation import check_enough
+from locplan.recordings.evaluation import check_scan_counts
 from locplan.recordings.faults import find_recording_faults
 from locplan.recordings.matching import run_in_batches
 from locplan.recordings.recording import Recording
-from locplan.recordings.replays import without_jumps
+from locplan.recordings.replays import remove_jumps
 from locplan.recordings.trajectory import SMOOTHED, TINY, fit_variances
 from locplan.robots.amcl import Amcl
 from locplan.robots.lidar import Lidar
@@ -103,7 +103,7 @@ class OdometryNoise:
 
 
 def fit_odometry_noise(
-    recording: Recording, amcl: Amcl, faulty: Bools | None = None
+    recording: Recording, amcl: Amcl, faulty_steps: Bools | None = None
 ) -> OdometryNoise | None:
     """Fit the noise of odometry by maximum likelihood; None where the drive is too short.
 
@@ -117,7 +117,7 @@ def fit_odometry_noise(
         The drive.
     amcl : Amcl
         The filter, between whose updates odometry is compared with the poses.
-    faulty : (scans - 1,) array of bool, optional
+    faulty_steps : (scans - 1,) array of bool, optional
         Mask of the steps that are left out, as `find_recording_faults` finds them.
     """
     if recording.odometry is None:
@@ -125,13 +125,13 @@ def fit_odometry_noise(
     updates = find_update_poses(recording.odometry, amcl.update_min_d, amcl.update_min_a)
     if len(updates) - 1 < MIN_UPDATES:
         return None
-    poses, odometry, jumps = without_jumps(recording.poses, recording.odometry, faulty)
+    poses, odometry, jumps = remove_jumps(recording.poses, recording.odometry, faulty_steps)
     smoothed = recording.source.poses == SMOOTHED
     spans = SMOOTHED_SPANS if smoothed else SPANS
     min_stretches = SMOOTHED_MIN_STRETCHES if smoothed else MIN_STRETCHES
-    stretches = _Stretches.from_drive(poses, odometry, spans)
+    stretches = _DriveStretches.from_drive(poses, odometry, spans)
     blocks = assign_blocks(poses, spans[-1])
-    increments = _Increments.from_drive(poses[updates], odometry[updates])
+    increments = _OdometryIncrements.from_drive(poses[updates], odometry[updates])
     drifts = bootstrap_statistics(stretches.fit_drifts, blocks[stretches.begin], RESAMPLES)
     # The noise that the poses surely have: a small one is hardly apart from odometry's.
     position, heading = np.nan_to_num(
@@ -143,7 +143,7 @@ def fit_odometry_noise(
     )
     turns = np.diff(poses[find_update_poses(poses, math.inf, TURN), 2])
     total_turn = float(np.abs(wrap_angles(turns)).sum())
-    notes = _notes(
+    notes = _describe_limits(
         increments,
         np.array([noise_estimate.value for noise_estimate in alphas]),
         pose_noise,
@@ -164,8 +164,11 @@ def fit_odometry_noise(
     return OdometryNoise(*values)
 
 
-def _notes(
-    increments: _Increments, alphas: Floats, pose_noise: tuple[float, float], total_turn: float
+def _describe_limits(
+    increments: _OdometryIncrements,
+    alphas: Floats,
+    pose_noise: tuple[float, float],
+    total_turn: float,
 ) -> list[str]:
     notes = []
     if increments.is_outweighed(alphas, *pose_noise):
@@ -178,7 +181,7 @@ def _notes(
             f"the robot turned by {math.degrees(total_turn):.0f} deg in all, too little for alpha1,"
             " alpha4 and the drifts of heading and turns, which are not written"
         )
-    jumps = increments.jumps(alphas, *pose_noise)
+    jumps = increments.compute_outlier_share(alphas, *pose_noise)
     if jumps > 0.01:
         notes.append(
             f"{jumps:.0%} of the increments are beyond 5 standard deviations: the recorded poses"
@@ -187,14 +190,16 @@ def _notes(
     return notes
 
 
-def _ways(poses: Floats, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Floats:
+def _compute_relative_poses(
+    poses: Floats, begin: NDArray[np.int64], end: NDArray[np.int64]
+) -> Floats:
     """Poses at the end as seen from those at the begin, (n, 3) [m, m, rad]."""
     ways = compute_motions(poses[begin], poses[end])
     return np.column_stack([ways[:, :2], wrap_angles(ways[:, 2])])
 
 
 @dataclass(frozen=True, eq=False)
-class _Stretches:
+class _DriveStretches:
     """Stretches of a drive of some lengths, and what odometry says of them."""
 
     begin: NDArray[np.int64]
@@ -212,7 +217,9 @@ class _Stretches:
     """Reported turn minus the true one [rad]."""
 
     @classmethod
-    def from_drive(cls, poses: Floats, odometry: Floats, spans: tuple[float, ...]) -> _Stretches:
+    def from_drive(
+        cls, poses: Floats, odometry: Floats, spans: tuple[float, ...]
+    ) -> _DriveStretches:
         """Stretches of each length [m], one after the other."""
         turns = np.abs(wrap_angles(np.diff(odometry[:, 2])))
         way, turn_sums = (
@@ -227,7 +234,10 @@ class _Stretches:
             ends.append(marks[1:])
         begin, end = np.concatenate(begins), np.concatenate(ends)
         begin, end = begin[end > begin], end[end > begin]
-        true, reported = _ways(poses, begin, end), _ways(odometry, begin, end)
+        true, reported = (
+            _compute_relative_poses(poses, begin, end),
+            _compute_relative_poses(odometry, begin, end),
+        )
         chord = np.hypot(true[:, 0], true[:, 1])
         reported_chord = np.hypot(
             reported[:, 0], reported[:, 1]
@@ -276,7 +286,7 @@ class _Stretches:
 
 
 @dataclass(frozen=True, eq=False)
-class _Increments:
+class _OdometryIncrements:
     """Increments of odometry between updates: turns and distances of AMCL's differential model.
 
     Its turn before the way and that after it are taken together: each by itself depends on the
@@ -291,12 +301,15 @@ class _Increments:
     """Reported minus true ones, (2, n) [rad, m]."""
 
     @classmethod
-    def from_drive(cls, poses: Floats, odometry: Floats) -> _Increments:
+    def from_drive(cls, poses: Floats, odometry: Floats) -> _OdometryIncrements:
         """Increments from each pose to the next."""
         from locplan._support.kernels.particles import STILL
 
         begin = np.arange(len(poses) - 1)
-        true, reported = (_ways(pose_track, begin, begin + 1) for pose_track in (poses, odometry))
+        true, reported = (
+            _compute_relative_poses(pose_track, begin, begin + 1)
+            for pose_track in (poses, odometry)
+        )
         way = np.hypot(reported[:, 0], reported[:, 1])
         first = np.where(way >= STILL, np.arctan2(reported[:, 1], reported[:, 0]), 0.0)
         # The true end in the direction of the reported way.
@@ -330,7 +343,7 @@ class _Increments:
         of_odometry = self.features @ alphas
         return bool((of_poses.mean(axis=1) > of_odometry.mean(axis=1)).any())
 
-    def jumps(self, alphas: Floats, position: float, heading: float) -> float:
+    def compute_outlier_share(self, alphas: Floats, position: float, heading: float) -> float:
         """Share of the increments that are far off what the fit expects."""
         variance = self.features @ alphas + self.poses @ np.array([position**2, heading**2])
         return float((self.residuals**2 > 25 * (variance + TINY)).any(axis=0).mean())
@@ -419,7 +432,7 @@ def fit_scan_noise(
     RecordingError
         If too few scans fit the map.
     """
-    check_enough(len(recording), len(recording))
+    check_scan_counts(len(recording), len(recording))
     scan_numbers = np.unique(np.linspace(0, len(recording) - 1, 300).round().astype(int))
     walls = SeenWalls(grid, recording)
 
@@ -427,7 +440,7 @@ def fit_scan_noise(
         return [walls.compare_scan(scan) for scan in scan_numbers[batch_numbers].tolist()]
 
     results = run_in_batches(
-        compare_scans, len(scan_numbers), check_threads(threads), progress, batch=1
+        compare_scans, len(scan_numbers), check_threads(threads), progress, batch_size=1
     )
     moves, expected = (np.array(column) for column in zip(*results, strict=True))
     measured = recording.ranges[scan_numbers].astype(np.float64)
@@ -438,7 +451,7 @@ def fit_scan_noise(
         residual = measured - walls_at
         near = met & (np.abs(residual) < FAR)
         fits = near.sum(axis=1) > 0.5 * np.maximum(met.sum(axis=1), 1)
-    check_enough(int(fits.sum()), len(scan_numbers))
+    check_scan_counts(int(fits.sum()), len(scan_numbers))
     of_scans = residual, walls_at, near, np.isfinite(measured)
     residual, walls_at, near, returned = (column[fits] for column in of_scans)
     scans = _ScanSums.from_residuals(
@@ -502,7 +515,10 @@ class _ScanSums:
             residual.shape[1],
             np.clip((walls - bound - nearest) / (farthest - nearest), 0, 1).mean(axis=1),
             spacing
-            * np.array([_in_runs(is_short) for is_short in short & (measured < farthest)], float),
+            * np.array(
+                [_count_beams_in_runs(is_short) for is_short in short & (measured < farthest)],
+                float,
+            ),
         )
 
     def compute_statistics(self, weights: Floats) -> Floats:
@@ -522,7 +538,7 @@ class _ScanSums:
         return np.array([MAD * middle, outliers, blocked, occlusion, angle])
 
 
-def _in_runs(short: NDArray[np.bool_]) -> int:
+def _count_beams_in_runs(short: NDArray[np.bool_]) -> int:
     """Number of beams in runs of at least four that are short, as one object's are."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], short.astype(np.int8), [0]])))
     runs = edges[1::2] - edges[::2]
@@ -540,14 +556,14 @@ class SeenWalls:
         self.squares = empty_squares(grid.cells == OCCUPIED)
         self.beam_step = max(1, lidar.beams // 61)  # some sixty beams settle a scan
         self.beams = lidar.to_kernel_settings()._replace(min_range=0.0)
-        sparse_beams = np.ascontiguousarray(lidar.angles[:: self.beam_step])
-        self.some = self.beams._replace(angles=sparse_beams)
+        sparse_angles = np.ascontiguousarray(lidar.angles[:: self.beam_step])
+        self.sparse_beams = self.beams._replace(angles=sparse_angles)
 
     def compare_scan(self, scan: int) -> tuple[float, Floats]:
         """How far a scan was moved to fit best [m], and the map's ranges from there (beams,)."""
         start = self.recording.poses[scan]
         pose = self.settle_pose(start, self.recording.ranges[scan, :: self.beam_step])
-        return math.dist(pose[:2], start[:2]), self.ranges(pose, self.beams)
+        return math.dist(pose[:2], start[:2]), self.cast_ranges(pose, self.beams)
 
     def settle_pose(self, pose: Floats, measured: NDArray[Any]) -> Floats:
         """The pose near the recorded one from which the map's ranges are most like a scan's.
@@ -558,7 +574,7 @@ class SeenWalls:
         measured = measured[has_return].astype(np.float64)
 
         def loss(trial: Floats) -> float:
-            difference = np.abs(self.ranges(trial, self.some)[has_return] - measured)
+            difference = np.abs(self.cast_ranges(trial, self.sparse_beams)[has_return] - measured)
             return float(np.minimum(difference, FAR).mean()) if len(difference) else 0.0
 
         best = loss(pose)
@@ -575,7 +591,7 @@ class SeenWalls:
                     break
         return pose
 
-    def ranges(self, pose: Floats, beams: Any) -> Floats:
+    def cast_ranges(self, pose: Floats, beams: Any) -> Floats:
         """Ranges by the map at a pose in the world, (beams,) [m]; inf where no wall is met."""
         from locplan._support.kernels.lidar import lever, write_scan_ends
 

@@ -16,7 +16,7 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import apply_motions, compute_motions, wrap_angles
 from locplan._support.reading import read_numbered_lines
 from locplan.errors import RecordingError
-from locplan.recordings.logs import ReadOptions, ScanRows, Source
+from locplan.recordings.logs import ReadOptions, ScanRows, RecordingSource
 from locplan.recordings.recording import Recording
 
 SUFFIXES: tuple[str, ...] = (".log", ".clf", ".log.gz", ".clf.gz")
@@ -33,7 +33,7 @@ class _ScanLines:
     lines: array[float] = field(default_factory=lambda: array("d"))
     """Of each line the first pose, which is the lidar's, the second one, which is the robot's, and
     the time; a list of tuples would take eight times as much."""
-    before: list[int] = field(default_factory=list)
+    last_odometry: list[int] = field(default_factory=list)
     """Index of the last line of odometry before each line."""
     greatest: float = 0.0
     """Maximum range that a line names [m]."""
@@ -51,7 +51,7 @@ class _CarmenLog:
     notes: list[str] = field(default_factory=list)
 
     @property
-    def lines(self) -> Floats:
+    def odometry_lines(self) -> Floats:
         """The lines of odometry, (n, 5)."""
         return np.array(self.odometry).reshape(-1, 5)
 
@@ -66,11 +66,11 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
     """
     options.refuse_unused("a log of CARMEN", of_robot=True)
     log = _parse_log(path, options)
-    kind = _kind(log, options.scan_topic)
+    kind = _choose_kind(log, options.scan_topic)
     scan_lines, selection = log.scans[kind], slice(None, None, options.every)
     lines = np.array(scan_lines.lines).reshape(-1, 7)
-    poses, reported, mount = _poses(lines, scan_lines.before, log)
-    lidar = scan_lines.rows.lidar(options.mount or mount, upside_down=False)
+    poses, reported, mount = _derive_poses(lines, scan_lines.last_odometry, log)
+    lidar = scan_lines.rows.make_lidar(options.mount or mount, upside_down=False)
     ranges = scan_lines.rows.finish(range(len(scan_lines.rows)))
     min_range, max_range = options.range_limits or (0.0, scan_lines.greatest)
     if not 0 < max_range <= MAX_RANGE:
@@ -79,7 +79,7 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
     ordered, stamps_back = bool((np.diff(times) > 0).all()), int((np.diff(times) < 0).sum())
     if not ordered:
         log.notes.append("its stamps are coarse or out of order: there are no times")
-    source = Source(
+    source = RecordingSource(
         file=path.name,
         scans=kind,
         poses=kind,
@@ -88,7 +88,7 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
         stamps_back=stamps_back,
         notes=tuple(log.notes),
     )
-    speeds = _speeds(log, scan_lines.before)
+    speeds = _select_speeds(log, scan_lines.last_odometry)
     ranges.setflags(write=False)
     recording = Recording(
         ranges,
@@ -102,15 +102,15 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
     return recording if options.window is None else recording.window(*options.window)
 
 
-def _speeds(log: _CarmenLog, before: Sequence[int]) -> Floats | None:
+def _select_speeds(log: _CarmenLog, before: Sequence[int]) -> Floats | None:
     """Speeds ahead of the lines of odometry before the scans, (n,) [m/s]; None if all are 0."""
-    values = log.lines[:, 4]
+    values = log.odometry_lines[:, 4]
     if not values.any():
         return None
     return np.where(np.asarray(before) < 0, np.nan, values[before])
 
 
-def _kind(log: _CarmenLog, requested_kind: str | None) -> str:
+def _choose_kind(log: _CarmenLog, requested_kind: str | None) -> str:
     """The kind of scans that is named, or the first one of `KINDS` that the log has."""
     kind = requested_kind or next((kind_name for kind_name in KINDS if kind_name in log.scans), "")
     if kind in log.scans:
@@ -131,7 +131,7 @@ def _find_max_range(ranges: NDArray[np.float32]) -> float:
     return round(min(longest + pile, MAX_RANGE), 3)
 
 
-def _poses(
+def _derive_poses(
     scans: Floats, before: Sequence[int], log: _CarmenLog
 ) -> tuple[Floats, Floats | None, tuple[float, float, float]]:
     """Poses of the robot, its odometry, and the lidar's mount on it [m, m, rad].
@@ -148,7 +148,7 @@ def _poses(
         x, y, yaw = (float(value) for value in np.round(mount, 4))
     else:
         poses, reported, x, y, yaw = first, second, 0.0, 0.0, 0.0
-    lines = compute_scan_odometry(poses, scans[:, 6], before, log.lines[:, :4])
+    lines = compute_scan_odometry(poses, scans[:, 6], before, log.odometry_lines[:, :4])
     reported = reported if lines is None else lines
     if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < 0.02:
         log.notes.append("its odometry is the poses, which may be odometry alone")
@@ -169,10 +169,10 @@ def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
         try:
             if name == "ODOM":
                 words = line.split()
-                log.odometry.extend(_finite((*words[1:4], words[7], words[4])))
+                log.odometry.extend(_parse_finite((*words[1:4], words[7], words[4])))
             elif name in KINDS and requested_kind in (None, name):
                 scans = log.scans.get(name) or _ScanLines()
-                _take_scan(name, line.split(), scans, len(log.odometry) // 5 - 1, options.every)
+                _add_scan(name, line.split(), scans, len(log.odometry) // 5 - 1, options.every)
                 log.scans[name] = scans
             elif not name.startswith("#") and len(log.other_lines) < 100:
                 log.other_lines.add(name if name.isprintable() else "?")
@@ -183,7 +183,7 @@ def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
     return log
 
 
-def _take_scan(kind: str, words: list[str], scans: _ScanLines, before: int, scan_step: int) -> None:
+def _add_scan(kind: str, words: list[str], scans: _ScanLines, before: int, scan_step: int) -> None:
     """Take a line of a scan; a ValueError or IndexError if it is damaged."""
     if kind == "FLASER":
         count = int(words[1])
@@ -191,23 +191,23 @@ def _take_scan(kind: str, words: list[str], scans: _ScanLines, before: int, scan
         greatest, rest = 0.0, words[2 + count :]
         stamp = rest[6]
     else:
-        first, _, step, greatest = _finite(words[2:6])
+        first, _, step, greatest = _parse_finite(words[2:6])
         count, begin = int(words[8]), 9
         rest = words[9 + count :]
         rest = rest[1 + int(rest[0]) :]
         stamp = rest[11]
-    line = _finite([*rest[:6], stamp])
+    line = _parse_finite([*rest[:6], stamp])
     if not 0 < count <= len(words):
         raise ValueError
-    if len(scans.before) % scan_step == 0:
+    if len(scans.last_odometry) % scan_step == 0:
         ranges = [float(word) for word in words[begin : begin + count]]
         scans.rows.add(ranges, first, step, 0.0, MAX_RANGE)
     scans.greatest = max(scans.greatest, greatest)
     scans.lines.extend(line)
-    scans.before.append(before)
+    scans.last_odometry.append(before)
 
 
-def _finite(words: Sequence[str]) -> tuple[float, ...]:
+def _parse_finite(words: Sequence[str]) -> tuple[float, ...]:
     """Numbers as floats; a ValueError if one is not finite, or beyond all places and times."""
     values = tuple(map(float, words))
     if not all(abs(value) <= MAX_AMOUNT for value in values):

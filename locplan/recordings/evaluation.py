@@ -40,7 +40,7 @@ from locplan.field.scan import Scan
 from locplan.field.store import covariance_field
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
-from locplan.recordings.matching import Matcher, run_in_batches
+from locplan.recordings.matching import ScanMatcher, run_in_batches
 from locplan.recordings.recording import Recording
 from locplan.robots.lidar import Lidar
 
@@ -50,27 +50,27 @@ if TYPE_CHECKING:
 
 MIN_RETURNS = 10
 """Number of returns below which a scan tells too little to be judged."""
-FITS = 0.6
+MIN_FIT_SHARE = 0.6
 """Share of the beams that end at walls from which a map fits. Six real logs have .91 to 1.00 on the
 maps made of them, and at most .41 on those of each other, wherever the drive is moved."""
 
 
-def check_enough(fitting: int, scans: int) -> None:
+def check_scan_counts(n_fitting: int, n_scans: int) -> None:
     """Raise a RecordingError if fewer than ten scans of a drive fit the map."""
-    if scans < 10:
+    if n_scans < 10:
         raise RecordingError(
-            f"the drive has {scans} scans, too few: 10 are needed; read more of them (every=), or"
+            f"the drive has {n_scans} scans, too few: 10 are needed; read more of them (every=), or"
             " record a longer one"
         )
-    if fitting < 10:
+    if n_fitting < 10:
         raise RecordingError(
-            f"{fitting} of {scans} scans fit the map and lie in its free space, too few; is it the"
+            f"{n_fitting} of {n_scans} scans fit the map and lie in its free space, too few; is it the"
             " right map, and are the poses in its frame? See locplan.recordings.fit_to_map"
         )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Matches:
+class ScanMatches:
     """The posteriors of n recorded scans about their recorded poses, in the world's frame."""
 
     recording: Recording
@@ -91,7 +91,7 @@ class Matches:
     """Entropy of the posterior, (n,) [nat]."""
     score: Floats
     """Log-likelihood a return at the most probable offset, (n,): 0 where all ends lie on walls."""
-    returns: NDArray[np.int64]
+    n_returns: NDArray[np.int64]
     """Number of returns among the beams that were compared, (n,)."""
 
     def __repr__(self) -> str:
@@ -107,7 +107,7 @@ class Matches:
         return np.asarray(np.isfinite(self.covariance[:, 0, 0]))
 
     @cached_property
-    def stray(self) -> Floats:
+    def stray_share(self) -> Floats:
         """Share of the returns that end away from all walls at the most probable offset, (n,).
 
         Away is beyond three cells, at least 0.25 m, and a fiftieth of the beam's length: so far
@@ -151,7 +151,7 @@ def match_scans(
     settings: Scan | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
-) -> Matches:
+) -> ScanMatches:
     """Match the scans of a drive with a map, each about its recorded pose.
 
     Parameters
@@ -183,7 +183,9 @@ def match_scans(
     )
     check_grid(grid)
     workers = check_threads(threads)
-    matcher = Matcher(grid, settings) if settings else Matcher.for_lidar(grid, recording.lidar)
+    matcher = (
+        ScanMatcher(grid, settings) if settings else ScanMatcher.for_lidar(grid, recording.lidar)
+    )
     settings = matcher.settings
     count, beams = len(recording), settings.beams_compared
     row, col = grid.world_to_grid(*recording.poses[:, :2].T)
@@ -202,7 +204,7 @@ def match_scans(
 
     def match(numbers: NDArray[np.int64]) -> list[int]:
         scan_numbers = usable_scans[numbers]
-        posteriors = matcher.posteriors(
+        posteriors = matcher.compute_posteriors(
             recording[scan_numbers].ends_on_robot(), recording.poses[scan_numbers]
         )
         mean[scan_numbers], covariance[scan_numbers], best[scan_numbers], summary[scan_numbers] = (
@@ -210,13 +212,13 @@ def match_scans(
         )
         return list(scan_numbers)
 
-    run_in_batches(match, usable_scans.size, workers, progress, batch=64)
+    run_in_batches(match, usable_scans.size, workers, progress, batch_size=64)
     entropy, ambiguity, score = summary.T
     posterior_parts = mean, best, covariance, ambiguity, entropy, score
-    return Matches(recording, grid, settings, *posterior_parts, returns)
+    return ScanMatches(recording, grid, settings, *posterior_parts, returns)
 
 
-def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
+def find_cells_near_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
     """Distance from a wall within which a beam ends at it [m], and the cells so near.
 
     Parameters
@@ -241,7 +243,7 @@ def look_up_cells(
 
 
 @dataclass(frozen=True)
-class Agreement:
+class EstimatorAgreement:
     """How well an estimator's deviations agree with the measured ones.
 
     Intervals are percentiles of a bootstrap over blocks of 10 m of the drive; NaN where it has
@@ -256,7 +258,7 @@ class Agreement:
     """Predicted over measured deviation of the position: geometric mean; 1 where they agree."""
 
     @property
-    def texts(self) -> list[str]:
+    def table_cells(self) -> list[str]:
         """The columns of a table: rank correlation, AUC, direction, and factor."""
         aligned = "-" if math.isnan(self.aligned.value) else f"{self.aligned.value:.0%}"
         return [
@@ -269,7 +271,7 @@ class Agreement:
 
 def compute_agreement(
     values: Floats, predicted: Floats, measured: Floats, blocks: NDArray[np.int64]
-) -> Agreement:
+) -> EstimatorAgreement:
     """Agreement of predicted with measured covariances at n scans.
 
     Parameters
@@ -286,7 +288,7 @@ def compute_agreement(
     predicted_major, _, towards = position_axes(predicted)
     direction_error = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
     elongated = (major > 3 * minor).astype(float)  # a rounder ellipse has no direction
-    return Agreement(
+    return EstimatorAgreement(
         rank([values], [major], BootstrapResamples([resamples], np.ones((len(resamples), 1)))),
         estimate_block_mean((direction_error < math.radians(15)).astype(float), blocks, elongated),
         Interval(*np.exp(estimate_block_mean(np.log(predicted_major / major), blocks)).tolist()),
@@ -310,7 +312,7 @@ LEGEND = (
 class DriveEvaluation(DrawableResult):
     """Measured and predicted deviations along a recorded drive."""
 
-    matches: Matches
+    matches: ScanMatches
     """The measured ones: posteriors of the scans."""
     predicted: Mapping[str, Floats]
     """Covariances at the poses and headings of the scans by the estimators' names, (n, d, d) in the
@@ -329,7 +331,7 @@ class DriveEvaluation(DrawableResult):
         if poor.sum() > MAX_OUTDATED * len(poor):  # the map, the poses or the mount are wrong
             return np.asarray(poor)
         # Coarse cells, long beams and plants make fits poor, too, but few returns stray by them.
-        return np.asarray(poor & (self.matches.stray > 1 / 6))
+        return np.asarray(poor & (self.matches.stray_share > 1 / 6))
 
     @cached_property
     def is_compared(self) -> NDArray[np.bool_]:
@@ -345,7 +347,7 @@ class DriveEvaluation(DrawableResult):
         return assign_blocks(self.matches.recording.poses)
 
     @cached_property
-    def agreements(self) -> dict[str, Agreement]:
+    def agreements(self) -> dict[str, EstimatorAgreement]:
         """How well each estimator agrees with the measurement, at the scans compared."""
         scans = self.is_compared
         return {
@@ -399,7 +401,7 @@ class DriveEvaluation(DrawableResult):
         return (
             f"The worst 10 m lie around {self._format_middle(is_worst)}, where {scans} the"
             " position to"
-            f" {100 * median:.0f} cm along {_axis(self.matches.direction[is_worst])}°{without}"
+            f" {100 * median:.0f} cm along {_compute_mean_axis(self.matches.direction[is_worst])}°{without}"
         )
 
     def _describe_map_changes(self) -> str:
@@ -437,7 +439,7 @@ class DriveEvaluation(DrawableResult):
             ("deviation", f"median {middle:.1f} cm, 10 to 90 %: {low:.1f} to {high:.1f} cm"),
         ]
         columns = ["", "rank correlation", "AUC", "direction", "factor"]
-        estimators = [[name, *agreement.texts] for name, agreement in self.agreements.items()]
+        estimators = [[name, *agreement.table_cells] for name, agreement in self.agreements.items()]
         verdict = textwrap.fill(" ".join(self.verdict), REPORT_WIDTH, break_on_hyphens=False)
         return "\n".join(
             [format_table([], rows), format_table(columns, estimators), LEGEND, verdict]
@@ -455,7 +457,7 @@ class DriveEvaluation(DrawableResult):
             Column("judged"): matches.is_matched,
             Column("outdated"): self.is_outdated,
             Column("score"): matches.score,
-            Column("returns"): matches.returns,
+            Column("returns"): matches.n_returns,
             Column("offset_x", "m"): matches.best[:, 0],
             Column("offset_y", "m"): matches.best[:, 1],
             Column("offset_heading", "rad"): matches.best[:, 2],
@@ -526,7 +528,7 @@ def evaluate_drive(
     check_instance(
         "recording", recording, Recording, "read one with locplan.recordings.read_recording"
     )
-    check_enough(len(recording), len(recording))
+    check_scan_counts(len(recording), len(recording))
     if estimators is None:
         estimators = make_estimators(recording.lidar)
     tell = progress or (lambda n_done, total: None)
@@ -541,7 +543,7 @@ def evaluate_drive(
         tell(n, len(estimators) + 1)
     criteria = {name: predictor.criterion for name, predictor in estimators.items()}
     result = DriveEvaluation(matches, predicted, criteria)
-    check_enough(int(result.is_compared.sum()), len(recording))
+    check_scan_counts(int(result.is_compared.sum()), len(recording))
     return result
 
 
@@ -556,7 +558,7 @@ def make_estimators(lidar: Lidar) -> dict[str, Estimator]:
     return {"sad": Sad(), "fisher": Fisher(lidar), "scan": Scan(lidar), "fused": Fused(lidar)}
 
 
-def _describe_fields(agreements: Mapping[str, Agreement]) -> str:
+def _describe_fields(agreements: Mapping[str, EstimatorAgreement]) -> str:
     names = [name for name in PREFERRED if name in agreements]
     names += [name for name in agreements if name not in names]
     ranks = {name: agreements[name].rank for name in names}
@@ -595,6 +597,6 @@ def _describe_fields(agreements: Mapping[str, Agreement]) -> str:
     )
 
 
-def _axis(directions: NDArray[np.float64]) -> int:
+def _compute_mean_axis(directions: NDArray[np.float64]) -> int:
     """Mean of axes, which have no sense, in whole degrees from 0 to 179."""
     return round(math.degrees(float(np.angle(np.exp(2j * directions).mean()))) / 2) % 180

@@ -60,11 +60,11 @@ class ScanSteps:
     """Best scores, (k,)."""
     gains: Floats
     """Best scores minus those of odometry, which may err by a cell and in its turn, (k,)."""
-    hidden: Bools
+    is_hidden: Bools
     """Mask of the steps at which another motion scores almost as well, as along corridors, (k,)."""
 
     @property
-    def are_judged(self) -> Bools:
+    def is_judged(self) -> Bools:
         """Mask of the steps with enough returns and not too large a turn, (k,)."""
         return np.isfinite(self.scores)
 
@@ -74,7 +74,7 @@ class ScanSteps:
         return np.asarray(np.hypot(*(self.measured - self.reported)[:, :2].T))
 
     @property
-    def disagree(self) -> Bools:
+    def is_contradicted(self) -> Bools:
         """Mask of the steps at which the scans contradict odometry, (k,)."""
         turn_error = np.abs(self.measured[:, 2] - self.reported[:, 2])
         # At the edge of the lattice the true turn lies beyond.
@@ -87,7 +87,7 @@ class ScanSteps:
     @property
     def motions(self) -> Floats:
         """Motions by odometry, but by the scans where these contradict it, (k, 3)."""
-        return np.where(self.disagree[:, None], self.measured, self.reported)
+        return np.where(self.is_contradicted[:, None], self.measured, self.reported)
 
 
 def measure_steps(recording: Recording) -> ScanSteps:
@@ -102,10 +102,10 @@ def measure_steps(recording: Recording) -> ScanSteps:
 
     odometry = recording.odometry
     assert odometry is not None
-    scans = step_ends(odometry, recording.times)
+    scans = find_step_ends(odometry, recording.times)
     reported = compute_motions(odometry[scans[:-1]], odometry[scans[1:]])
     reported[:, 2] = wrap_angles(reported[:, 2])
-    outlines, ends = _find_outlines(recording, scans), _select_ends(recording, scans)
+    outlines, ends = _find_outlines(recording, scans), _select_beam_ends(recording, scans)
     lattice = make_lattice(HALF_STEPS, np.radians(np.arange(-HALF_TURNS, HALF_TURNS + 1.0)))
     measured = np.full_like(reported, np.nan)
     scores, gains = np.full(len(reported), np.nan), np.zeros(len(reported))
@@ -120,15 +120,18 @@ def measure_steps(recording: Recording) -> ScanSteps:
         measured[n] = motion + offset * (CELL, CELL, math.radians(1))
         scores[n], any_turn = values[turn, left, ahead], values.max(axis=0)
         # Odometry may err by a cell, and in its turn.
-        gains[n] = scores[n] - any_turn[_distances(HALF_STEPS, HALF_STEPS) < 1.2 * CELL].max()
-        distances = _distances(left, ahead)
+        gains[n] = (
+            scores[n]
+            - any_turn[_compute_lattice_distances(HALF_STEPS, HALF_STEPS) < 1.2 * CELL].max()
+        )
+        distances = _compute_lattice_distances(left, ahead)
         hidden[n] = (
             scores[n] - any_turn[(distances > 4.5 * CELL) & (distances < 6.5 * CELL)].max() < GAIN
         )
     return ScanSteps(scans, reported, measured, scores, gains, hidden)
 
 
-def step_ends(odometry: Floats, times: Floats | None) -> Ints:
+def find_step_ends(odometry: Floats, times: Floats | None) -> Ints:
     """Scans at which steps end: after so much way or turn, and of a robot that stands, of time."""
     way = compute_travel_distances(odometry)
     turn_sums = np.append(0.0, np.cumsum(np.abs(wrap_angles(np.diff(odometry[:, 2])))))
@@ -140,7 +143,7 @@ def step_ends(odometry: Floats, times: Floats | None) -> Ints:
     return np.array(scans)
 
 
-def _select_ends(recording: Recording, scans: Ints) -> list[Floats]:
+def _select_beam_ends(recording: Recording, scans: Ints) -> list[Floats]:
     """Ends of up to some 180 beams of each scan on the robot, (b, 2) [m]."""
     beam_slice = slice(None, None, max(1, recording.lidar.beams // 180))
     scan_subset = recording[scans]
@@ -201,7 +204,7 @@ def _draw_scan_map(outline: Floats, is_joined: Bools, low: Floats) -> Octets:
     return levels
 
 
-def _distances(row: int, col: int) -> Floats:
+def _compute_lattice_distances(row: int, col: int) -> Floats:
     """Distances of the lattice's positions from one of them [m]."""
     rows, cols = np.mgrid[: 2 * HALF_STEPS + 1, : 2 * HALF_STEPS + 1]
     return np.asarray(CELL * np.hypot(rows - row, cols - col))
@@ -238,13 +241,15 @@ def find_longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStre
     way = compute_travel_distances(recording.poses)
     scans = np.unique(np.searchsorted(way, [*np.arange(0.0, way[-1], SPACING), way[-1]]))
     scan_subset, way = recording[scans], way[scans]
-    distances = _mean_distances(scan_subset, scan_subset.poses, grid)
+    distances = _compute_wall_distances(scan_subset, scan_subset.poses, grid)
     for n in np.array_split(
         far := np.flatnonzero(distances > MISFIT_DISTANCE), len(far) // 500 + 1
     ):
         if len(n):
-            poses = scan_subset.poses[n] + _best_offsets(scan_subset[n], grid)
-            distances[n] = np.minimum(distances[n], _mean_distances(scan_subset[n], poses, grid))
+            poses = scan_subset.poses[n] + _find_best_offsets(scan_subset[n], grid)
+            distances[n] = np.minimum(
+                distances[n], _compute_wall_distances(scan_subset[n], poses, grid)
+            )
     is_away = np.concatenate([[False], distances > MISFIT_DISTANCE, [False]])
     begins, ends = (np.flatnonzero(np.diff(is_away.astype(int)) == sign) for sign in (1, -1))
     lengths = way[ends - 1] - way[begins]
@@ -256,7 +261,7 @@ def find_longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStre
     return MisfitStretch(x, y, float(lengths[longest]))
 
 
-def _mean_distances(recording: Recording, poses: Floats, grid: OccupancyGrid) -> Floats:
+def _compute_wall_distances(recording: Recording, poses: Floats, grid: OccupancyGrid) -> Floats:
     """Mean distance of each scan's ends from the walls, (n,) [m]; 0 with too few returns."""
     ends = place_ends(recording.ends_on_robot(), poses)
     wall_distances = look_up_cells(grid, grid.clearance, ends, math.inf)
@@ -266,7 +271,7 @@ def _mean_distances(recording: Recording, poses: Floats, grid: OccupancyGrid) ->
     return np.where(count >= RETURNS, total / np.maximum(count, 1), 0.0)
 
 
-def _best_offsets(recording: Recording, grid: OccupancyGrid) -> Floats:
+def _find_best_offsets(recording: Recording, grid: OccupancyGrid) -> Floats:
     """Offsets from the recorded poses at which scans fit the map best, (n, 3) [m, m, rad]."""
     window = SearchWindow(half_width=0.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
     settings = Scan(recording.lidar, window=window, effective_beams=15.0)
@@ -314,9 +319,9 @@ class Disagreement:
 class WrongSigns:
     """Steps at which odometry's pose and its velocity have opposite signs."""
 
-    count: int
+    n_opposite: int
     """Number of the steps with opposite signs."""
-    of: int
+    n_compared: int
     """Number of the steps with a velocity of this sign."""
     is_negative: bool
     """Whether the velocity is negative."""
@@ -326,7 +331,7 @@ class WrongSigns:
         """The fault for people."""
         pose, velocity = ("forward", "negative") if self.is_negative else ("back", "positive")
         return (
-            f"Odometry's pose moves {pose} at {self.count:,} of {self.of:,} steps with a {velocity}"
+            f"Odometry's pose moves {pose} at {self.n_opposite:,} of {self.n_compared:,} steps with a {velocity}"
             " velocity. Its driver confuses the sign: correct it, and record again."
         )
 
@@ -341,27 +346,27 @@ class RecordingFaults:
 
     faulty_steps: Bools
     """Mask of the steps from scan to scan at which odometry is wrong, (scans - 1,)."""
-    places: tuple[Disagreement, ...]
+    disagreements: tuple[Disagreement, ...]
     """Places where odometry and scans disagree by more than 0.15 m a step, in their order."""
-    backward_steps: int
+    n_backward_steps: int
     """Number of steps at which the scans move back."""
-    reversed_steps: int
+    n_reversed_steps: int
     """Number of these at which odometry moves forward."""
     reversed_way: float
     """Length of the way of odometry in these [m]."""
-    steps: int
+    n_steps: int
     """Number of the steps of some 0.25 m or 15 deg that were compared."""
-    hidden_steps: int
+    n_hidden_steps: int
     """Number of the steps at which scans do not show all motions, as along corridors."""
     wrong_signs: tuple[WrongSigns, ...]
     """Odometry's velocity against its pose."""
-    jumps: int
+    n_jumps: int
     """Number of the steps of odometry that no robot makes, resets among them."""
-    resets: int
+    n_resets: int
     """Number of the jumps to odometry's zero, or to its first pose."""
     stamps_back: int
     """Number of the scans whose stamps lie before those of scans before them."""
-    stretch: MisfitStretch | None
+    misfit: MisfitStretch | None
     """Where the map fits worst; None without a map."""
 
     def __repr__(self) -> str:
@@ -371,8 +376,8 @@ class RecordingFaults:
     def drops_sign(self) -> bool:
         """True if odometry moves forward at most steps at which the scans move back."""
         return (
-            self.reversed_steps >= MIN_REVERSED_STEPS
-            and 2 * self.reversed_steps > self.backward_steps
+            self.n_reversed_steps >= MIN_REVERSED_STEPS
+            and 2 * self.n_reversed_steps > self.n_backward_steps
         )
 
     @property
@@ -383,7 +388,7 @@ class RecordingFaults:
     @property
     def has_misfit(self) -> bool:
         """True if the map does not fit the scans over more than 2 m."""
-        return self.stretch is not None and self.stretch.length > STRETCH
+        return self.misfit is not None and self.misfit.length > STRETCH
 
     @property
     def is_sound(self) -> bool:
@@ -391,9 +396,9 @@ class RecordingFaults:
 
         Slips of up to 1.3 m do no harm, nor do stamps out of order: scans keep the log's order.
         """
-        is_large = any(place.error > LARGE for place in self.places)
+        is_large = any(place.error > LARGE for place in self.disagreements)
         is_broken = self.has_sign_fault or self.has_misfit or is_large
-        return not (is_broken or self.jumps)
+        return not (is_broken or self.n_jumps)
 
     @property
     def fault_sentences(self) -> tuple[str, ...]:
@@ -401,47 +406,47 @@ class RecordingFaults:
         texts = [signs.sentence for signs in self.wrong_signs]
         if self.drops_sign:
             texts.append(
-                f"Odometry moves forward at {self.reversed_steps:,} of {self.backward_steps:,}"
+                f"Odometry moves forward at {self.n_reversed_steps:,} of {self.n_backward_steps:,}"
                 " places"
                 f" where the scans move back ({self.reversed_way:.2g} m). Probably the driver drops"
                 " the sign of the velocity."
             )
-        elif self.places:
-            worst = max(self.places, key=lambda place: place.error)
+        elif self.disagreements:
+            worst = max(self.disagreements, key=lambda place: place.error)
             texts.append(
                 "Odometry and scans disagree by more than 0.15 m a step at"
-                f" {_places_text(len(self.places))}, most at {_position(worst)}, by"
+                f" {_format_place_count(len(self.disagreements))}, most at {_format_position(worst)}, by"
                 f" {worst.error:.1f} m."
             )
-        if self.jumps:
-            resets = f", to its start at {self.resets:,} of them" if self.resets else ""
-            texts.append(f"Odometry jumps at {_places_text(self.jumps)}{resets}.")
+        if self.n_jumps:
+            resets = f", to its start at {self.n_resets:,} of them" if self.n_resets else ""
+            texts.append(f"Odometry jumps at {_format_place_count(self.n_jumps)}{resets}.")
         if self.stamps_back:
             texts.append(f"The stamps of {self.stamps_back:,} scans are out of order.")
-        if self.has_misfit and self.stretch is not None:
+        if self.has_misfit and self.misfit is not None:
             texts.append(
-                f"The map does not fit the scans at {_position(self.stretch)}, over"
-                f" {self.stretch.length:.2g} m."
+                f"The map does not fit the scans at {_format_position(self.misfit)}, over"
+                f" {self.misfit.length:.2g} m."
             )
         return tuple(texts)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """The faults, and what cannot be seen, for people."""
-        if self.hidden_steps <= HIDDEN * self.steps:
+        if self.n_hidden_steps <= HIDDEN * self.n_steps:
             return self.fault_sentences
         hidden = (
-            f"The scans cannot show motion along corridors at {self.hidden_steps:,} of"
-            f" {self.steps:,} steps."
+            f"The scans cannot show motion along corridors at {self.n_hidden_steps:,} of"
+            f" {self.n_steps:,} steps."
         )
         return (*self.fault_sentences, hidden)
 
 
-def _places_text(count: int) -> str:
+def _format_place_count(count: int) -> str:
     return "1 place" if count == 1 else f"{count:,} places"
 
 
-def _position(place: Disagreement | MisfitStretch) -> str:
+def _format_position(place: Disagreement | MisfitStretch) -> str:
     return f"({place.x:.1f}, {place.y:.1f})"
 
 
@@ -451,7 +456,7 @@ def find_recording_faults(
     """Find faults of a recorded drive, without ground truth.
 
     Odometry is compared with the motion between scans some 0.25 m apart, and with its velocity.
-    Faults of a recording along long corridors remain unseen, which `hidden_steps` counts.
+    Faults of a recording along long corridors remain unseen, which `n_hidden_steps` counts.
 
     Parameters
     ----------
@@ -488,29 +493,29 @@ def find_recording_faults(
         return RecordingFaults(
             no_faults, (), 0, 0, 0.0, 0, 0, (), 0, 0, recording.source.stamps_back, stretch
         )
-    jumps, resets = odometry_jumps(odometry, recording.times)
+    jumps, resets = find_odometry_jumps(odometry, recording.times)
     steps = measure_steps(recording)
-    is_judged = steps.are_judged & ~_with_any(jumps, steps.scans)
-    disagree = steps.disagree & is_judged
+    is_judged = steps.is_judged & ~_coarsen_mask(jumps, steps.scans)
+    disagree = steps.is_contradicted & is_judged
     moves_back = (steps.motions[:, 0] < BACK) & is_judged
     is_reversed = disagree & moves_back & (steps.reported[:, 0] > FORWARD)
     return RecordingFaults(
-        faulty_steps=jumps | _from_scan_to_scan(_widen_mask(disagree), steps.scans, count),
-        places=_places(recording, steps, disagree),
-        backward_steps=int(moves_back.sum()),
-        reversed_steps=int(is_reversed.sum()),
+        faulty_steps=jumps | _refine_mask(_widen_mask(disagree), steps.scans, count),
+        disagreements=_find_disagreements(recording, steps, disagree),
+        n_backward_steps=int(moves_back.sum()),
+        n_reversed_steps=int(is_reversed.sum()),
         reversed_way=float(np.hypot(*steps.reported[is_reversed, :2].T).sum()),
-        steps=len(is_judged),
-        hidden_steps=int((steps.hidden | ~is_judged).sum()),
-        wrong_signs=_wrong_signs(recording),
-        jumps=int(jumps.sum()),
-        resets=int(resets.sum()),
+        n_steps=len(is_judged),
+        n_hidden_steps=int((steps.is_hidden | ~is_judged).sum()),
+        wrong_signs=_find_wrong_signs(recording),
+        n_jumps=int(jumps.sum()),
+        n_resets=int(resets.sum()),
         stamps_back=recording.source.stamps_back,
-        stretch=stretch,
+        misfit=stretch,
     )
 
 
-def odometry_jumps(odometry: Floats, times: Floats | None) -> tuple[Bools, Bools]:
+def find_odometry_jumps(odometry: Floats, times: Floats | None) -> tuple[Bools, Bools]:
     """Masks of the steps of odometry that no robot makes, and of those that reset it, (n - 1,)."""
     lengths = np.hypot(*np.diff(odometry[:, :2], axis=0).T)
     if not len(lengths):
@@ -529,20 +534,22 @@ def _widen_mask(marked: Bools) -> Bools:
     return np.asarray(np.convolve(marked, np.ones(3), "same") > 0) if len(marked) else marked
 
 
-def _with_any(mask: Bools, ends: Ints) -> Bools:
+def _coarsen_mask(mask: Bools, ends: Ints) -> Bools:
     """Mask of the steps between ends that contain a marked step from scan to scan."""
     before = np.append(0, np.cumsum(mask))
     return np.asarray(before[ends[1:]] > before[ends[:-1]])
 
 
-def _from_scan_to_scan(marked: Bools, ends: Ints, scans: int) -> Bools:
+def _refine_mask(marked: Bools, ends: Ints, scans: int) -> Bools:
     """Mask of the steps from scan to scan that belong to marked steps between ends."""
     of_step = np.searchsorted(ends, np.arange(scans - 1), side="right") - 1
     is_within = of_step < len(marked)
     return np.asarray(is_within & np.append(marked, False)[np.minimum(of_step, len(marked))])
 
 
-def _places(recording: Recording, steps: ScanSteps, disagree: Bools) -> tuple[Disagreement, ...]:
+def _find_disagreements(
+    recording: Recording, steps: ScanSteps, disagree: Bools
+) -> tuple[Disagreement, ...]:
     """The disagreements; those of steps near each other along the way are one."""
     odometry = recording.odometry
     assert odometry is not None
@@ -558,7 +565,7 @@ def _places(recording: Recording, steps: ScanSteps, disagree: Bools) -> tuple[Di
     return tuple(places)
 
 
-def _wrong_signs(recording: Recording) -> tuple[WrongSigns, ...]:
+def _find_wrong_signs(recording: Recording) -> tuple[WrongSigns, ...]:
     """Signs of velocities against those of the steps of the pose around them."""
     odometry, speeds = recording.odometry, recording.speeds
     if odometry is None or speeds is None:

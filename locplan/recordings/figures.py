@@ -67,9 +67,9 @@ def drive_figure(drive_evaluation: DriveEvaluation) -> Figure:
     predicted = position_axes(drive_evaluation.predicted[name])[0]
     measured = np.where(drive_evaluation.is_compared, drive_evaluation.matches.position_std, np.nan)
     norm = make_path_norm(100 * np.concatenate([measured, predicted]))
-    _draw_line(upper, drive_evaluation, 100 * predicted, 7.0, norm)
-    _draw_line(upper, drive_evaluation, 100 * measured, 4.0, None)
-    lines = _draw_line(upper, drive_evaluation, 100 * measured, 2.6, norm)
+    _draw_drive_line(upper, drive_evaluation, 100 * predicted, 7.0, norm)
+    _draw_drive_line(upper, drive_evaluation, 100 * measured, 4.0, None)
+    lines = _draw_drive_line(upper, drive_evaluation, 100 * measured, 2.6, norm)
     draw_path_colour_bar(figure, lines, upper, "std. dev. of the position [cm]", 0.8)
     magnify = _draw_ellipses(upper, drive_evaluation, name)
     xy = drive_evaluation.matches.recording.poses[drive_evaluation.is_outdated, :2]
@@ -121,7 +121,7 @@ def _add_sentences(figure: Figure, *sentences: str) -> Figure:
     return figure
 
 
-def _draw_line(
+def _draw_drive_line(
     axes: Axes,
     drive_evaluation: DriveEvaluation,
     values: Floats,
@@ -277,7 +277,7 @@ def trajectory_figure(drive_trajectory: Trajectory) -> Figure:
     upper.plot(*jumps.T, "o", mfc="none", color=FILTER, markersize=11, mew=1.8, zorder=6)
     upper.set(xlim=limits[0], ylim=limits[1])
     way = compute_travel_distances(drive_trajectory.poses)
-    lower.plot(way, 100 * drive_trajectory.off, color=RECORDED, linewidth=0.8)
+    lower.plot(way, 100 * drive_trajectory.log_distance, color=RECORDED, linewidth=0.8)
     lower.plot(way, deviation, color=PREDICTED, linewidth=1.8)
     lower.plot(way[doubtful], deviation[doubtful], "x", color=FILTER, markersize=4)
     lower.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="position [cm]")
@@ -420,8 +420,8 @@ def located_drive_figure(located_drive: LocatedDrive) -> Figure:
     grid, poses, right, certain = (
         located_drive.grid,
         located_drive.poses[:, :2],
-        located_drive.right,
-        located_drive.certain,
+        located_drive.is_right,
+        located_drive.is_certain,
     )
     is_located = np.isfinite(poses[:, 0])
     drive = located_drive.recording.poses[:, :2]

@@ -21,7 +21,7 @@ from locplan._support.saved import decode_tree
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.recordings.bags import SUFFIXES as BAGS, read_bag
 from locplan.recordings.carmen import SUFFIXES as CARMEN, read_carmen
-from locplan.recordings.logs import ReadOptions, Source, Topics
+from locplan.recordings.logs import ReadOptions, RecordingSource, LogTopics
 from locplan.recordings.recording import Recording
 
 MAX_ARRAY_BYTES = 2**28
@@ -38,7 +38,7 @@ def read_recording(
     *,
     every: int = 1,
     window: tuple[float, float] | None = None,
-    topics: Topics | None = None,
+    topics: LogTopics | None = None,
     range_limits: tuple[float, float] | None = None,
     mount: tuple[float, float, float] | None = None,
     needs_poses: bool = True,
@@ -115,17 +115,17 @@ def read_recording(
     """
     limits: Any = {"window": window, "range_limits": range_limits, "mount": mount}
     limits["needs_poses"] = needs_poses
-    options = ReadOptions(every=every, **vars(topics or Topics()), **limits)
+    options = ReadOptions(every=every, **vars(topics or LogTopics()), **limits)
     path = check_file_path("a recorded drive", file)
     try:
-        return _read(path, options, progress)
+        return _read_file(path, options, progress)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
     except LocplanError as error:
         raise RecordingError(f"{path}: {error}") from None
 
 
-def _read(path: Path, options: ReadOptions, progress: ProgressCallback | None) -> Recording:
+def _read_file(path: Path, options: ReadOptions, progress: ProgressCallback | None) -> Recording:
     """Return the recording of a file, whose reader is chosen by the end of its name."""
     name = path.name.lower()
     if _is_built_in(path):
@@ -179,12 +179,12 @@ def _read_npz(path: Path, options: ReadOptions) -> Recording:
     if ranges.dtype == np.uint16:
         metres = (ranges / np.float64(1000)).astype(np.float32)
         ranges = np.where(ranges == NO_RETURN_MM, np.float32(np.inf), metres)
-    lidar = options.lidar(_parse_entries("lidar", arrays["lidar"]))
-    source = Source(file=path.name)
+    lidar = options.make_lidar(_parse_entries("lidar", arrays["lidar"]))
+    source = RecordingSource(file=path.name)
     if "source" in arrays:
         source_fields = _parse_entries("source", arrays["source"])
         try:
-            source = decode_tree(Source, source_fields)
+            source = decode_tree(RecordingSource, source_fields)
         except (LookupError, TypeError, ValueError) as error:
             raise RecordingError(
                 f"its source is not as Recording.save writes it: {error}"

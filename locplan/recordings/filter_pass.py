@@ -189,9 +189,9 @@ class FilterPass:
 
     def _draw_anywhere(self, random: np.random.Generator, k: int, size: int) -> Floats:
         """Draw poses of the whole map that explain a scan, or any if it says too little, (3, m)."""
-        places, resolution = self.database.everywhere, self.walls.grid.resolution
+        places, resolution = self.database.full_database, self.walls.grid.resolution
         ranges = places.matching.select_ranges(self.ranges[[k]].astype(np.float64))[0]
-        modes = ScanOnMap(places, ranges).modes()
+        modes = ScanOnMap(places, ranges).find_modes()
         if len(modes.poses):
             shares = np.exp(-0.5 * np.minimum(modes.losses - modes.losses[0], 8.0))
             choice = random.choice(len(shares), size, p=shares / shares.sum())

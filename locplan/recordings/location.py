@@ -40,7 +40,7 @@ from locplan.recordings.matching import (
     RangeDatabase,
     ScanDatabase,
     ScanOnMap,
-    checked_database,
+    resolve_database,
     run_in_batches,
 )
 from locplan.recordings.recording import Recording
@@ -59,7 +59,7 @@ AGREE = 0.5
 seem to be of another map."""
 
 
-def drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
+def format_drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
     """Return how many scans are located, and whether the certain ones are right.
 
     The masks are those of `LocatedDrive`; without recorded poses no scan is known to be right.
@@ -130,7 +130,7 @@ DEVIATIONS = (
 WEIGHT = Column("weight", "", "weight", 0, "%")
 
 
-def _entry(row: int, col: int) -> Callable[[Mode], float]:
+def _make_covariance_getter(row: int, col: int) -> Callable[[Mode], float]:
     return lambda mode: float(mode.covariance[row, col])
 
 
@@ -140,7 +140,7 @@ MODES = (
     Column("excess", "nat", "worse by", 1),
     *DEVIATIONS,
     *(
-        Column(f"covariance_{'xyh'[row]}{'xyh'[col]}", value=_entry(row, col))
+        Column(f"covariance_{'xyh'[row]}{'xyh'[col]}", value=_make_covariance_getter(row, col))
         for row, col in combinations_with_replacement(range(3), 2)
     ),
 )
@@ -158,15 +158,15 @@ class Location(DrawableResult):
     """The scan: distances along the lidar's beams, (beams,) [m], inf without a return."""
     modes: tuple[Mode, ...]
     """The poses that explain it, the best first."""
-    second: float
+    second_excess: float
     """Excess of the second best place [nats]; infinite if none is within 8 nats."""
-    explained: float
+    explained_share: float
     """Share of the returns that end within two deviations of a wall at the best pose, 0..1."""
-    restricted: bool
+    is_restricted: bool
     """True if only places near a route were looked at."""
 
     def __repr__(self) -> str:
-        return f"Location({self.best!r}, second {self.second:.1f} nats)"
+        return f"Location({self.best!r}, second {self.second_excess:.1f} nats)"
 
     @property
     def best(self) -> Mode:
@@ -174,30 +174,30 @@ class Location(DrawableResult):
         return self.modes[0]
 
     @property
-    def certain(self) -> bool:
+    def is_certain(self) -> bool:
         """True if every other place explains the scan worse by more than 3 nats."""
-        return self.second > CERTAIN
+        return self.second_excess > CERTAIN
 
     @property
     def fits(self) -> bool:
         """True if three of five returns end at walls of the map at the best pose."""
-        return self.explained >= 0.6
+        return self.explained_share >= 0.6
 
     @property
     def sentence(self) -> str:
         """Where the robot is, or which places look alike."""
-        region_text = " near the route" if self.restricted else ""
+        region_text = " near the route" if self.is_restricted else ""
         similar_modes = [mode for mode in self.modes if mode.excess <= CERTAIN]
-        if self.certain:
+        if self.is_certain:
             text = (
-                f"The robot is at {_place(self.best)} (± {100 * self.best.position_std:.0f} cm,"
+                f"The robot is at {_format_place(self.best)} (± {100 * self.best.position_std:.0f} cm,"
                 f" {math.degrees(self.best.heading_std):.1f}°): no other place{region_text}"
                 " explains the"
                 f" scan within {CERTAIN:g} nats."
             )
         elif len(similar_modes) <= 3:
             count = ("Two", "Three")[len(similar_modes) - 2]
-            mode_texts = [f"{_place(mode)} ({mode.weight:.0%})" for mode in similar_modes]
+            mode_texts = [f"{_format_place(mode)} ({mode.weight:.0%})" for mode in similar_modes]
             place_list = f"{', '.join(mode_texts[:-1])} and {mode_texts[-1]}"
             text = f"{count} places{region_text} look alike: {place_list}."
         else:
@@ -206,13 +206,13 @@ class Location(DrawableResult):
             count_suffix = "or more " if cut and len(similar_modes) == len(self.modes) else ""
             text = (
                 f"{len(similar_modes)} {count_suffix}places{region_text} look alike; the best,"
-                f" {_place(self.best)}, has"
+                f" {_format_place(self.best)}, has"
                 f" {self.best.weight:.0%} of the posterior."
             )
         if self.fits:
             return text
         return (
-            f"{text} Careful: only {self.explained:.0%} of the returns end at walls there: people,"
+            f"{text} Careful: only {self.explained_share:.0%} of the returns end at walls there: people,"
             " changes, or the map of another place."
         )
 
@@ -238,7 +238,7 @@ class Location(DrawableResult):
         return locate_figure(self, recorded=recorded)
 
 
-def _place(mode: Mode) -> str:
+def _format_place(mode: Mode) -> str:
     """Text of a pose, without -0."""
     x, y, heading = mode.pose
     turn = round(math.degrees(heading)) + 0.0
@@ -282,8 +282,8 @@ class LocatedDrive(Result):
 
     def __repr__(self) -> str:
         if not self.recording.has_poses:
-            return f"LocatedDrive({len(self)} scans, {self.certain.mean():.0%} certain)"
-        return f"LocatedDrive({len(self)} scans, {self.right.mean():.0%} right)"
+            return f"LocatedDrive({len(self)} scans, {self.is_certain.mean():.0%} certain)"
+        return f"LocatedDrive({len(self)} scans, {self.is_right.mean():.0%} right)"
 
     def __len__(self) -> int:
         return len(self.locations)
@@ -315,16 +315,16 @@ class LocatedDrive(Result):
         return np.abs(wrap_angles(self.poses[:, 2] - self.recording.poses[:, 2]))
 
     @property
-    def right(self) -> Bools:
+    def is_right(self) -> Bools:
         """Mask of the scans located within 0.3 m and 3 deg of the recorded pose, (n,)."""
         return np.asarray((self.distance <= NEAR) & (self.turn <= MAX_TURN))
 
     @property
-    def certain(self) -> Bools:
+    def is_certain(self) -> Bools:
         """Mask of the scans that no second place explains within 3 nats, (n,)."""
         return np.array(
             [
-                scan_location is not None and scan_location.certain
+                scan_location is not None and scan_location.is_certain
                 for scan_location in self.locations
             ]
         )
@@ -339,8 +339,8 @@ class LocatedDrive(Result):
     @property
     def sentence(self) -> str:
         """How many scans are located, and whether the certain ones are right."""
-        right = self.right if self.recording.has_poses else None
-        return drive_sentence(self.certain, self.fits, right)
+        right = self.is_right if self.recording.has_poses else None
+        return format_drive_sentence(self.is_certain, self.fits, right)
 
     def table(self) -> Table:
         """The scans: where each was taken, and how far that is from the recorded pose."""
@@ -353,7 +353,7 @@ class LocatedDrive(Result):
             if scan_location is not None:
                 best, certainty = (
                     scan_location.best,
-                    (scan_location.second, scan_location.explained),
+                    (scan_location.second_excess, scan_location.explained_share),
                 )
                 location_columns = (
                     *best.pose,
@@ -386,9 +386,9 @@ class LocatedDrive(Result):
         return f"{full_table}\n{_wrap_text(f'{self.single_location.sentence} {error_text}')}"
 
     def _format_errors(self) -> list[str]:
-        if not self.right.any():
+        if not self.is_right.any():
             return []
-        distances, turn = 100 * self.distance[self.right], np.degrees(self.turn[self.right])
+        distances, turn = 100 * self.distance[self.is_right], np.degrees(self.turn[self.is_right])
         at = np.column_stack(
             [np.quantile(error_values, (0.5, 0.9)) for error_values in (distances, turn)]
         )
@@ -404,7 +404,7 @@ class LocatedDrive(Result):
     def summary(self) -> dict[str, object]:
         """The only scan with its modes, or of several the shares that are right, fit for JSON."""
         header = {"map": self.grid.name, "drive": self.recording.source.file}
-        right, certain = self.right, self.certain
+        right, certain = self.is_right, self.is_certain
         if self.single_location:
             names = ("x", "y", "heading", "distance", "turn")
             values = (*self.recording.poses[0].tolist(), self.distance[0], self.turn[0])
@@ -413,9 +413,9 @@ class LocatedDrive(Result):
                 {
                     **header,
                     "sentence": self.single_location.sentence,
-                    "certain": self.single_location.certain,
-                    "second": self.single_location.second,
-                    "explained": self.single_location.explained,
+                    "certain": self.single_location.is_certain,
+                    "second": self.single_location.second_excess,
+                    "explained": self.single_location.explained_share,
                     "returns": int(np.isfinite(self.single_location.ranges).sum()),
                     "modes": self.single_location.table().records(),
                     "recorded": recorded,
@@ -535,9 +535,9 @@ def locate(
     check_grid(grid)
     ranges, lidar = _check_scan(scan, lidar)
     check_integer("count", count)
-    database = checked_database(grid, lidar, clearance, database)
+    database = resolve_database(grid, lidar, clearance, database)
     places = select_places(database, near, within)
-    return locate_scan(database, ranges, places, count, restricted=near is not None)
+    return locate_scan(database, ranges, places, count, is_restricted=near is not None)
 
 
 def select_places(
@@ -551,7 +551,7 @@ def select_places(
         If there is none, or the positions are wrong.
     """
     if near is None:
-        return database.everywhere
+        return database.full_database
     # Least such distance, a little more than that of the places that scans are compared with [m].
     radius, places = check_number("within", within, 0.5), near
     if isinstance(places, Path):
@@ -560,7 +560,12 @@ def select_places(
 
 
 def locate_scan(
-    database: ScanDatabase, ranges: Floats, places: RangeDatabase, count: int, *, restricted: bool
+    database: ScanDatabase,
+    ranges: Floats,
+    places: RangeDatabase,
+    count: int,
+    *,
+    is_restricted: bool,
 ) -> Location:
     """Find the modes of a scan, inf without a return, among places of a database."""
     from locplan.recordings.kernels.scan_losses import (
@@ -576,8 +581,8 @@ def locate_scan(
     starts = scan.shortlist_starts()
     scan_modes = scan.refine_starts(starts)
     on_robot = lidar.ends_on_robot(ranges[None].astype(np.float32))
-    ends = database.compared_ends(on_robot[0])
-    if scan_modes.returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
+    ends = database.select_compared_ends(on_robot[0])
+    if scan_modes.n_returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
         raise NotLocatedError(
             f"the scan has too few returns, {int(np.isfinite(ranges).sum())}, to know where it was"
             f" taken; at least {MIN_RETURNS} of {int(places.matching.is_in_view.sum())}"
@@ -607,8 +612,8 @@ def locate_scan(
     excess = excess[: len(distinct)]
     share = np.exp(-excess) / np.exp(-excess).sum()
     best = distinct[:count]
-    world = places.in_world(poses[best])
-    matched = database.matcher.posteriors(np.repeat(on_robot, len(best), axis=0), world)
+    world = places.convert_to_world(poses[best])
+    matched = database.matcher.compute_posteriors(np.repeat(on_robot, len(best), axis=0), world)
     modes = [
         Mode(tuple(pose), float(weight), float(above), covariance)
         for pose, weight, above, covariance in zip(
@@ -620,9 +625,9 @@ def locate_scan(
         lidar,
         ranges,
         tuple(modes),
-        second=float(excess[1]) if len(excess) > 1 else math.inf,
-        explained=_compute_explained_share(places, ends, poses[distinct[0]]),
-        restricted=restricted,
+        second_excess=float(excess[1]) if len(excess) > 1 else math.inf,
+        explained_share=_compute_explained_share(places, ends, poses[distinct[0]]),
+        is_restricted=is_restricted,
     )
 
 
@@ -723,7 +728,7 @@ def locate_drive(
     check_grid(grid)
     check_integer("count", count)
     workers = check_threads(threads)
-    database = checked_database(grid, recording.lidar, clearance, database)
+    database = resolve_database(grid, recording.lidar, clearance, database)
     places = select_places(database, near, within)
     _ = database.matcher.kernel_arguments  # now, once for all threads
 
@@ -733,7 +738,7 @@ def locate_drive(
             ranges = recording.ranges[n].astype(np.float64)
             try:
                 batch_locations.append(
-                    locate_scan(database, ranges, places, count, restricted=near is not None)
+                    locate_scan(database, ranges, places, count, is_restricted=near is not None)
                 )
             except NotLocatedError:
                 batch_locations.append(None)

@@ -32,7 +32,7 @@ MAX_ROOM = 2**30
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Topics(Settings):
+class LogTopics(Settings):
     """Topics and frames that are read of a robot's log, where it has several, or others than usual.
 
     Raises
@@ -60,14 +60,14 @@ class Topics(Settings):
     bags."""
 
     def __post_init__(self) -> None:
-        for topic_field in fields(Topics):
+        for topic_field in fields(LogTopics):
             value = getattr(self, topic_field.name)
             if value != topic_field.default and not (isinstance(value, str) and value):
                 raise ConfigError(f"{topic_field.name} must be a name, not {short_repr(value)}")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class ReadOptions(Topics):
+class ReadOptions(LogTopics):
     """What is read of a log; `read_recording` explains each."""
 
     every: int = 1
@@ -80,9 +80,12 @@ class ReadOptions(Topics):
         super().__post_init__()
         set_frozen_fields(self, every=check_integer("every", self.every))
         for name in ("window", "range_limits"):
-            set_frozen_fields(self, **{name: _numbers(name, getattr(self, name), 2, "two numbers")})
+            set_frozen_fields(
+                self, **{name: _parse_numbers(name, getattr(self, name), 2, "two numbers")}
+            )
         set_frozen_fields(
-            self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar")
+            self,
+            mount=_parse_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"),
         )
         for name, upper_limit, requirement in (
             ("window", math.inf, "two times from the start on, the first one earlier [s]"),
@@ -98,7 +101,7 @@ class ReadOptions(Topics):
         A log of a robot has topics of scans and a frame, only a bag has the others.
         """
         of_robots = ("scan_topic", "map_frame")
-        for topic_field in fields(Topics):
+        for topic_field in fields(LogTopics):
             kinds = "logs of robots" if topic_field.name in of_robots else "bags"
             allowed = of_robot and topic_field.name in of_robots
             if getattr(self, topic_field.name) != topic_field.default and not allowed:
@@ -106,7 +109,7 @@ class ReadOptions(Topics):
                     f"{topic_field.name} is for {kinds}, and {file_kind} has none; leave it out"
                 )
 
-    def lidar(self, values: Mapping[str, Any]) -> Lidar:
+    def make_lidar(self, values: Mapping[str, Any]) -> Lidar:
         """The lidar that a file describes, with the mount and the limits that were named."""
         lidar_fields = [lidar_field.name for lidar_field in fields(Lidar)]
         for name in values:
@@ -128,7 +131,9 @@ class ReadOptions(Topics):
         return lidar
 
 
-def _numbers(name: str, values: Any, count: int, requirement: str) -> tuple[float, ...] | None:
+def _parse_numbers(
+    name: str, values: Any, count: int, requirement: str
+) -> tuple[float, ...] | None:
     """A number of numbers, or None."""
     if values is None:
         return None
@@ -139,7 +144,7 @@ def _numbers(name: str, values: Any, count: int, requirement: str) -> tuple[floa
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Source(Settings):
+class RecordingSource(Settings):
     """Where a recording comes from: its file, and the topics and frames that were used."""
 
     file: str = ""
@@ -162,12 +167,12 @@ class Source(Settings):
     """What was assumed or left out, in sentences without a full stop."""
 
 
-def check_room(count: int, beams: int, room: int) -> None:
+def check_memory_limit(n_scans: int, n_beams: int, max_bytes: int) -> None:
     """Raise a RecordingError if one more scan takes more than the room that there is [bytes]."""
     # A scan counts as 256 bytes at least: its pose and times take memory, too.
-    if count == (max_scans := room // max(256, 4 * beams)):
+    if n_scans == (max_scans := max_bytes // max(256, 4 * n_beams)):
         raise RecordingError(
-            f"over {max_scans:,} scans of {beams} beams take too much memory; read every n-th"
+            f"over {max_scans:,} scans of {n_beams} beams take too much memory; read every n-th"
             " (every=),"
             " or a part of the log"
         )
@@ -186,7 +191,7 @@ class ScanRows:
         self._count = 0
         self._first, self._step, self._beams = 0.0, 0.0, 0
         self._lidar = Lidar()
-        self.resampled = 0
+        self.n_resampled = 0
 
     def __len__(self) -> int:
         """Return the number of scans."""
@@ -205,8 +210,8 @@ class ScanRows:
         with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
             values = np.asarray(ranges, np.float32)
         if not self._count:
-            self._begin(first, step, len(values), min_range, max_range)
-        check_room(self._count, self._beams, MAX_ROOM)
+            self._set_beams(first, step, len(values), min_range, max_range)
+        check_memory_limit(self._count, self._beams, MAX_ROOM)
         if self._count == len(self._rows):
             self._rows.resize((FIRST_ROWS + self._count * 5 // 4, self._beams), refcheck=False)
         if step < 0:
@@ -216,7 +221,7 @@ class ScanRows:
         if len(values) >= self._beams and off < self._step / 10:
             row[:] = values[: self._beams]
         else:
-            self.resampled += 1
+            self.n_resampled += 1
             row[:] = self._resample(first, step, values)
         row[~self._lidar.has_return(row)] = np.inf
         self._count += 1
@@ -233,7 +238,7 @@ class ScanRows:
         self._count = 0
         return rows
 
-    def lidar(self, mount: tuple[float, float, float], upside_down: bool) -> Lidar:
+    def make_lidar(self, mount: tuple[float, float, float], upside_down: bool) -> Lidar:
         """The lidar with its pose on the robot [m, m, rad].
 
         The beams of one that is upside down come clockwise: the rows have to be reversed.
@@ -244,7 +249,7 @@ class ScanRows:
         x, y = round(mount[0], 6), round(mount[1], 6)
         return replace(self._lidar, mount_x=x, mount_y=y, mount_yaw_deg=round(turn, 4))
 
-    def _begin(
+    def _set_beams(
         self, first: float, step: float, count: int, min_range: float, max_range: float
     ) -> None:
         if not (math.isfinite(first) and math.isfinite(step) and step and 0 < count < MAX_BEAMS):
@@ -265,10 +270,10 @@ class ScanRows:
             angle_min=first,
             angle_max=first + step * (count - 1),
             angle_increment=step,
-            range_min=min(max(_plain(min_range), 0.0), 0.999 * max_range)
+            range_min=min(max(_round_to_single(min_range), 0.0), 0.999 * max_range)
             if math.isfinite(min_range)
             else 0.0,
-            range_max=_plain(max_range),
+            range_max=_round_to_single(max_range),
         )
         # Angles were stored in single precision, which has no more than four decimals.
         lidar = replace(lidar, field_of_view_deg=round(lidar.field_of_view_deg, 4))
@@ -290,7 +295,7 @@ class ScanRows:
         return row
 
 
-def _plain(value: float) -> float:
+def _round_to_single(value: float) -> float:
     """A number without the further digits that single precision gave it."""
     return float(f"{value:.7g}")
 

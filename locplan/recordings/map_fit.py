@@ -28,7 +28,12 @@ from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.map_faults import MapFault, find_bounding_boxes
 from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.recordings.calibration import MAD, SeenWalls
-from locplan.recordings.evaluation import FITS, at_walls, look_up_cells, match_scans
+from locplan.recordings.evaluation import (
+    MIN_FIT_SHARE,
+    find_cells_near_walls,
+    look_up_cells,
+    match_scans,
+)
 from locplan.recordings.location import locate_drive
 from locplan.recordings.matching import ScanDatabase
 from locplan.recordings.recording import Recording
@@ -159,11 +164,14 @@ def _build_equations(
     for scan in scan_numbers.tolist():
         measured = recording.ranges[scan, :: walls.beam_step].astype(np.float64) / factor
         pose = walls.settle_pose(recording.poses[scan], measured)
-        expected = walls.ranges(pose, walls.some)
+        expected = walls.cast_ranges(pose, walls.sparse_beams)
         with np.errstate(invalid="ignore"):
             ways = np.column_stack(
                 [
-                    (walls.ranges(pose + step, walls.some) - walls.ranges(pose - step, walls.some))
+                    (
+                        walls.cast_ranges(pose + step, walls.sparse_beams)
+                        - walls.cast_ranges(pose - step, walls.sparse_beams)
+                    )
                     / (2 * step.sum())
                     for step in steps
                 ]
@@ -237,14 +245,16 @@ class MapFit:
     @property
     def fits(self) -> bool:
         """True if the map fits as it is."""
-        return self.share >= FITS and not self.is_shifted
+        return self.share >= MIN_FIT_SHARE and not self.is_shifted
 
     @property
     def is_shifted(self) -> bool:
         """True if the map would fit, or fit clearly better, after a move."""
         x, y, turn = self.move
         is_far = math.hypot(x, y) > 0.1 or abs(turn) > math.radians(0.5)
-        return is_far and self.best_share >= FITS and self.best_share >= self.share + MIN_GAIN
+        return (
+            is_far and self.best_share >= MIN_FIT_SHARE and self.best_share >= self.share + MIN_GAIN
+        )
 
     @property
     def sentence(self) -> str:
@@ -275,7 +285,7 @@ class MapFit:
         )
 
 
-class _Sample(NamedTuple):
+class _BeamSample(NamedTuple):
     """Some beams of some scans."""
 
     on_robot: Floats  # (n, beams, 2), NaN without return [m]
@@ -331,23 +341,23 @@ def fit_to_map(
         raise RecordingError(
             f"{grid.name or 'the map'} has no walls, that beams could end at; take another map"
         )
-    distance, near = at_walls(grid)
-    sample = _sample(recording)
+    distance, near = find_cells_near_walls(grid)
+    sample = _select_beam_sample(recording)
     ends = sample.ends()
-    share = _share(grid, near, ends)
-    search, starts = _Search(grid, ends, sample.poses[:, :2]), [(0.0, 0.0, 0.0)]
-    if share < FITS:
-        starts += search.everywhere(progress)
-    move = search.nearby(starts)
-    best = _share(grid, near, sample._replace(poses=move_poses(sample.poses, move)).ends())
+    share = _compute_share(grid, near, ends)
+    search, starts = _MoveSearch(grid, ends, sample.poses[:, :2]), [(0.0, 0.0, 0.0)]
+    if share < MIN_FIT_SHARE:
+        starts += search.search_all_moves(progress)
+    move = search.refine_moves(starts)
+    best = _compute_share(grid, near, sample._replace(poses=move_poses(sample.poses, move)).ends())
     if best <= share:
         move, best = (0.0, 0.0, 0.0), share
-    mount = _find_mount(grid, near, sample, best) if best < FITS else ""
-    ranges = None if best >= FITS or mount else _ranges(grid, near, recording)
-    return MapFit(share, best, move, distance, _origin(grid, move), mount, ranges)
+    mount = _find_mount(grid, near, sample, best) if best < MIN_FIT_SHARE else ""
+    ranges = None if best >= MIN_FIT_SHARE or mount else _explain_by_ranges(grid, near, recording)
+    return MapFit(share, best, move, distance, _move_origin(grid, move), mount, ranges)
 
 
-def check_place(
+def check_recording_on_map(
     recording: Recording, grid: OccupancyGrid, *, database: ScanDatabase | None = None
 ) -> None:
     """Raise a RecordingError if a recording does not fit a map, wherever its poses are.
@@ -398,11 +408,11 @@ def check_place(
 
 def _find_lidar_fault(recording: Recording, grid: OccupancyGrid) -> str:
     """Return a sentence if another mount or other ranges explain a bad fit; else an empty text."""
-    distance, near = at_walls(grid)
-    sample = _sample(recording)
-    share = _share(grid, near, sample.ends())
+    distance, near = find_cells_near_walls(grid)
+    sample = _select_beam_sample(recording)
+    share = _compute_share(grid, near, sample.ends())
     mount = _find_mount(grid, near, sample, share)
-    ranges = None if mount else _ranges(grid, near, recording)
+    ranges = None if mount else _explain_by_ranges(grid, near, recording)
     if not mount and ranges is None:
         return ""
     fit = MapFit(share, share, (0.0, 0.0, 0.0), distance, grid.origin, mount, ranges)
@@ -419,7 +429,7 @@ def _measure_agreement(
     reach = min(STEPS * STEP, way[-1] / 2)
     at = np.linspace(reach, way[-1] - reach, PLACES) if way[-1] else np.zeros(1)
     scans = np.unique(np.searchsorted(way, at))
-    poses = _start_poses(recording, grid, scans, database)
+    poses = _find_start_poses(recording, grid, scans, database)
     is_located = np.isfinite(poses).all(axis=1)
     walls = SeenWalls(grid, recording)
     steps = STEP * np.arange(1, STEPS + 1)
@@ -438,12 +448,15 @@ def _measure_agreement(
     return float(np.mean(shares)) if shares else math.nan
 
 
-def _start_poses(
+def _find_start_poses(
     recording: Recording, grid: OccupancyGrid, scans: Ints, database: ScanDatabase | None
 ) -> Floats:
     """Return the poses of scans on a map: recorded ones that fit, or located ones; NaN if lost."""
-    near = at_walls(grid)[1]
-    if recording.has_poses and _share(grid, near, _sample(recording).ends()) >= FITS:
+    near = find_cells_near_walls(grid)[1]
+    if (
+        recording.has_poses
+        and _compute_share(grid, near, _select_beam_sample(recording).ends()) >= MIN_FIT_SHARE
+    ):
         return recording.poses[scans]
     try:
         return locate_drive(recording[scans], grid, count=1, database=database).poses
@@ -464,7 +477,7 @@ def _compare_ranges(
         settled_pose = walls.settle_pose(
             pose + np.array([0.0, 0.0, turn]), ranges[:: walls.beam_step]
         )
-        off = np.abs(ranges[returned] - walls.ranges(settled_pose, walls.beams)[returned])
+        off = np.abs(ranges[returned] - walls.cast_ranges(settled_pose, walls.beams)[returned])
         share = float((off < AGREES).mean())
         if share > best_share:
             best, best_share = settled_pose, share
@@ -473,31 +486,37 @@ def _compare_ranges(
     return best, best_share
 
 
-def _ranges(grid: OccupancyGrid, near: NDArray[np.bool_], recording: Recording) -> RangeFit | None:
+def _explain_by_ranges(
+    grid: OccupancyGrid, near: NDArray[np.bool_], recording: Recording
+) -> RangeFit | None:
     """How ranges differ from the map's, if scans without that fit where they were taken."""
     ranges = fit_ranges(grid, [recording])
     if not ranges.is_scaled:
         return None
     scaled = replace(recording, ranges=recording.ranges / ranges.factor.value)
-    return ranges if _share(grid, near, _sample(scaled).ends()) >= FITS else None
+    return (
+        ranges
+        if _compute_share(grid, near, _select_beam_sample(scaled).ends()) >= MIN_FIT_SHARE
+        else None
+    )
 
 
-def _sample(recording: Recording) -> _Sample:
+def _select_beam_sample(recording: Recording) -> _BeamSample:
     """Scans and beams that are evenly spaced."""
     scans = np.unique(np.linspace(0, len(recording) - 1, 100).astype(np.int64))
     beams = np.unique(np.linspace(0, recording.lidar.beams - 1, 60).astype(np.int64))
     ends = recording[scans].ends_on_robot()
     if np.isfinite(ends[:, beams]).any():
         ends = ends[:, beams]
-    return _Sample(ends, recording.poses[scans])
+    return _BeamSample(ends, recording.poses[scans])
 
 
-def _share(grid: OccupancyGrid, near: NDArray[np.bool_], ends: Floats) -> float:
+def _compute_share(grid: OccupancyGrid, near: NDArray[np.bool_], ends: Floats) -> float:
     """Share of points that lie in the cells of a mask."""
     return float(look_up_cells(grid, near, ends, False).mean())
 
 
-def _origin(grid: OccupancyGrid, move: Move) -> Move:
+def _move_origin(grid: OccupancyGrid, move: Move) -> Move:
     """Origin of the map after the move the other way."""
     (x, y, yaw), (dx, dy, turn) = grid.origin, move
     cos, sin = math.cos(turn), math.sin(turn)
@@ -505,7 +524,9 @@ def _origin(grid: OccupancyGrid, move: Move) -> Move:
     return cos * u + sin * v, cos * v - sin * u, float(wrap_angles(yaw - turn))
 
 
-def _find_mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, best: float) -> str:
+def _find_mount(
+    grid: OccupancyGrid, near: NDArray[np.bool_], sample: _BeamSample, best: float
+) -> str:
     """How the lidar is mounted if another mount explains the scans at the recorded poses."""
     x, y = sample.on_robot[..., 0], sample.on_robot[..., 1]
     mounts = {
@@ -515,13 +536,13 @@ def _find_mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, b
         "upside down": (x, -y),
     }
     for words, ends in mounts.items():
-        share = _share(grid, near, sample._replace(on_robot=np.stack(ends, axis=-1)).ends())
-        if share >= max(FITS, best + MIN_GAIN):
+        share = _compute_share(grid, near, sample._replace(on_robot=np.stack(ends, axis=-1)).ends())
+        if share >= max(MIN_FIT_SHARE, best + MIN_GAIN):
             return words
     return ""
 
 
-class _Search:
+class _MoveSearch:
     """The rigid moves of a drive that take the ends of its beams to a map's walls.
 
     Ends of beams and places of the robot, (k, 2) and (n, 2), are in the map's frame [m].
@@ -529,10 +550,10 @@ class _Search:
 
     def __init__(self, grid: OccupancyGrid, ends: Floats, places: Floats) -> None:
         self.grid, self.middle = grid, places.mean(0)
-        self.out, self.stood = ends - self.middle, places - self.middle
-        self.radius = math.sqrt(float((self.out**2).sum(1).mean()))
+        self.relative_ends, self.relative_places = ends - self.middle, places - self.middle
+        self.radius = math.sqrt(float((self.relative_ends**2).sum(1).mean()))
 
-    def everywhere(self, progress: ProgressCallback | None = None) -> list[Move]:
+    def search_all_moves(self, progress: ProgressCallback | None = None) -> list[Move]:
         """The moves that fit best of all turns and shifts, about the origin [m, m, rad].
 
         The ends, rotated, are correlated with the walls by the Fourier transform; so are the places
@@ -542,7 +563,7 @@ class _Search:
         from scipy.fft import irfft2, next_fast_len, rfft2
 
         grid = self.grid
-        reach = float(np.abs(np.concatenate([self.out, self.stood])).max())
+        reach = float(np.abs(np.concatenate([self.relative_ends, self.relative_places])).max())
         side = max(max(grid.shape) * grid.resolution, 2 * reach)
         cell = max(FINEST, side / 224, grid.resolution)  # of which so many lie along a side at most
         walls, free = self._coarsen_map(cell)
@@ -554,8 +575,8 @@ class _Search:
         peaks: list[tuple[float, float, float, float]] = []
         for n in range(turns):
             turn = 2 * math.pi * n / turns
-            rotated = (_rotate(layer, turn) for layer in (self.out, self.stood))
-            rasters = (_raster(layer, cell, half) for layer in rotated)
+            rotated = (_rotate(layer, turn) for layer in (self.relative_ends, self.relative_places))
+            rasters = (_count_points(layer, cell, half) for layer in rotated)
             hits, stands = (rfft2(layer / layer.sum(), shape) for layer in rasters)
             score = irfft2(np.conj(hits * of_walls + 0.5 * stands * of_free), shape)
             for _ in range(2):
@@ -569,25 +590,25 @@ class _Search:
             shift = (s - n if s > n / 2 else s for s, n in zip(at, shape, strict=True))
             rows, cols = ((layer + half + 0.5) * cell / grid.resolution for layer in shift)
             x, y = map(float, grid.grid_to_world(rows, cols))
-            move = self._about_origin((x, y, turn + grid.origin[2]))
+            move = self._turn_about_origin((x, y, turn + grid.origin[2]))
             if all(self._measure_distance(move, other) > 2 * cell for other in moves):
                 moves.append(move)
             if len(moves) == 12:
                 break
         return moves
 
-    def nearby(self, starts: list[Move]) -> Move:
+    def refine_moves(self, starts: list[Move]) -> Move:
         """The best move around some: steps in x, y and turn are halved until none is better."""
         size = self.grid.resolution
         best, best_score = (0.0, 0.0, 0.0), -1.0
         for start in starts:
-            at, step = self._about_middle(start), 0.4
+            at, step = self._turn_about_middle(start), 0.4
             while step > size / 4:
                 at = self._climb(at, step, max(BLUR, size, step))
                 step /= 2
             score = self._score(at, max(BLUR, size))
             if score > best_score:
-                best, best_score = self._about_origin(at), score
+                best, best_score = self._turn_about_origin(at), score
         return best
 
     def _climb(self, at: Move, step: float, blur: float) -> Move:
@@ -605,8 +626,10 @@ class _Search:
     def _score(self, at: Move, blur: float) -> float:
         """Mean nearness of the ends to walls, 0..1, and half the share of places that are free."""
         grid, to = self.grid, np.array(at[:2])
-        distance = look_up_cells(grid, grid.clearance, to + _rotate(self.out, at[2]), np.inf)
-        free = look_up_cells(grid, grid.free, to + _rotate(self.stood, at[2]), 0.0)
+        distance = look_up_cells(
+            grid, grid.clearance, to + _rotate(self.relative_ends, at[2]), np.inf
+        )
+        free = look_up_cells(grid, grid.free, to + _rotate(self.relative_places, at[2]), 0.0)
         return float(np.exp(-0.5 * (distance / blur) ** 2).mean() + 0.5 * free.mean())
 
     def _coarsen_map(self, cell: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -622,24 +645,24 @@ class _Search:
         walls = np.exp(-0.5 * (grid.clearance[at] / (0.75 * cell)) ** 2)
         return walls.astype(np.float32), grid.free[at].astype(np.float32)
 
-    def _about_origin(self, at: Move) -> Move:
+    def _turn_about_origin(self, at: Move) -> Move:
         """The move that takes the middle to a place with a turn, as a turn about the origin."""
         x, y = _rotate(self.middle[None], at[2])[0]
         return at[0] - float(x), at[1] - float(y), (at[2] + math.pi) % (2 * math.pi) - math.pi
 
-    def _about_middle(self, move: Move) -> Move:
+    def _turn_about_middle(self, move: Move) -> Move:
         """Where a move takes the middle, and its turn."""
         x, y = _rotate(self.middle[None], move[2])[0]
         return float(x) + move[0], float(y) + move[1], move[2]
 
     def _measure_distance(self, *moves: Move) -> float:
         """Distance of the middle after either of two moves [m]; infinite if their turns differ."""
-        (x, y, turn), (u, v, angle) = map(self._about_middle, moves)
+        (x, y, turn), (u, v, angle) = map(self._turn_about_middle, moves)
         between = abs((turn - angle + math.pi) % (2 * math.pi) - math.pi)
         return math.hypot(x - u, y - v) + (math.inf if between > 0.1 else 0.0)
 
 
-def _raster(xy: Floats, cell: float, half: int) -> NDArray[np.float32]:
+def _count_points(xy: Floats, cell: float, half: int) -> NDArray[np.float32]:
     """Number of points in each cell around the middle, (2 half + 1, 2 half + 1)."""
     size = 2 * half + 1
     col, row = (np.floor(part / cell + 0.5).astype(np.int64) + half for part in xy.T)
@@ -676,7 +699,7 @@ class Misfits:
     """Cells where scans end and the map has no wall near, (H, W)."""
     false_share: float
     """Share of the wall cells in view that are false, 0..1."""
-    at_walls: float
+    share_at_walls: float
     """Share of the beams that end at walls of the map, 0..1."""
 
     def faults(self, grid: OccupancyGrid) -> Iterator[MapFault]:
@@ -693,13 +716,13 @@ class Misfits:
             boxes = find_bounding_boxes(grid, self.false)
             yield MapFault("false walls", description, remedy, is_certain=True, boxes=boxes)
         if self.missing.sum() * grid.resolution > MAX_MISSING_LENGTH:
-            description = f"{1 - self.at_walls:.0%} of the beams end at no wall"
+            description = f"{1 - self.share_at_walls:.0%} of the beams end at no wall"
             boxes = find_bounding_boxes(grid, self.missing)
             yield MapFault("missing walls", description, remedy, is_certain=True, boxes=boxes)
 
 
 @dataclass(frozen=True, eq=False)
-class _Beams:
+class _MapBeams:
     """Beams of scans on a map [cells]."""
 
     origins: Floats  # (n, 2)
@@ -733,7 +756,7 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
         check_instance(
             "recording", recording, Recording, "read one with locplan.recordings.read_recording"
         )
-    deviation = max(_pose_deviation(grid, recording) for recording in recordings)
+    deviation = max(_measure_pose_deviation(grid, recording) for recording in recordings)
     name = grid.name or "the map"
     if math.isinf(deviation):
         raise RecordingError(
@@ -745,15 +768,15 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
             f" too much to tell false walls by (at most {BAD_POSES:g} m);"
             " find the ground truth with locplan recording FILE MAP -o drive.npz"
         )
-    parts = [_beams(grid, recording) for recording in recordings]
-    beams = _Beams(
+    parts = [_place_beams_on_map(grid, recording) for recording in recordings]
+    beams = _MapBeams(
         np.concatenate([recording.origins for recording in parts]),
         np.concatenate([recording.ends for recording in parts]),
     )
-    return Misfits(*_find_contradictions(grid, beams), _at_walls(grid, beams))
+    return Misfits(*_find_contradictions(grid, beams), _compute_share_at_walls(grid, beams))
 
 
-def _beams(grid: OccupancyGrid, recording: Recording) -> _Beams:
+def _place_beams_on_map(grid: OccupancyGrid, recording: Recording) -> _MapBeams:
     """The beams of up to so many scans of a drive that are evenly spaced, in the map's cells."""
     scans = np.unique(np.linspace(0, len(recording) - 1, MISFIT_SCANS).astype(np.int64))
     beams = np.unique(np.linspace(0, recording.lidar.beams - 1, BEAMS).astype(np.int64))
@@ -766,10 +789,10 @@ def _beams(grid: OccupancyGrid, recording: Recording) -> _Beams:
         np.stack(grid.world_to_grid(positions[..., 0], positions[..., 1]), -1)
         for positions in (origins, ends)
     ]
-    return _Beams(cell_positions[0], cell_positions[1])
+    return _MapBeams(cell_positions[0], cell_positions[1])
 
 
-def _pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
+def _measure_pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
     """Median distance of the poses from where scans fit, along x or y or as each fits best [m].
 
     The largest of the three counts. A map that is wrong somewhere has walls enough elsewhere; along
@@ -789,7 +812,7 @@ def _pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
     return max(deviations, default=0.0)
 
 
-def _find_contradictions(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
+def _find_contradictions(grid: OccupancyGrid, beams: _MapBeams) -> tuple[Bools, Bools, float]:
     """Cells of false and of missing walls, and the share of the walls in view that are false.
 
     A beam that passes a wall at which others end is wrong from there on. Without such beams three
@@ -801,7 +824,7 @@ def _find_contradictions(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Boo
     passed, hit, around = _count_scans(grid, np.zeros_like(walls), beams)
     is_confirmed = walls & ((passed < CROSSED) | (passed <= TIMES * around))
     cells = np.where(walls & ~is_confirmed, np.uint8(FREE), grid.cells)
-    _, is_near_wall = at_walls(replace(grid, cells=cells))
+    _, is_near_wall = find_cells_near_walls(replace(grid, cells=cells))
     missing = (hit >= HITS) & (passed <= TIMES * hit) & ~is_near_wall & ~walls
     met = (around >= HITS) & (passed <= TIMES * around)
     passed, _, around = _count_scans(grid, missing | (walls & met), beams)
@@ -812,22 +835,22 @@ def _find_contradictions(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Boo
     return false, missing, float(false.sum() / max(in_view, 1))
 
 
-def _count_scans(grid: OccupancyGrid, stops: Bools, beams: _Beams) -> tuple[Ints, Ints, Floats]:
+def _count_scans(grid: OccupancyGrid, stops: Bools, beams: _MapBeams) -> tuple[Ints, Ints, Floats]:
     """Numbers of the scans that pass each cell, that end in it, and that end in it or beside it."""
     import cv2
 
     from locplan._support.kernels.walls import count_scans
 
-    margin = at_walls(grid)[0] / grid.resolution
+    margin = find_cells_near_walls(grid)[0] / grid.resolution
     passed, hit = count_scans(stops, beams.origins, beams.ends, margin)
     # A beam ends a cell beside the one that it met, by its noise and by the map's rounding.
     return passed, hit, cv2.boxFilter(hit.astype(np.float64), -1, (3, 3), normalize=False)
 
 
-def _at_walls(grid: OccupancyGrid, beams: _Beams) -> float:
+def _compute_share_at_walls(grid: OccupancyGrid, beams: _MapBeams) -> float:
     """Share of the beams that end at walls, whatever they pass."""
     ends = beams.ends[np.isfinite(beams.ends[..., 0])]
     row, col = np.floor(ends).astype(np.int64).T
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-    _, near = at_walls(grid)
+    _, near = find_cells_near_walls(grid)
     return float((near[row * inside, col * inside] & inside).mean())

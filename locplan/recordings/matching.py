@@ -40,7 +40,7 @@ GLOBAL_EFFECTIVE_BEAMS = 36.0
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Matching(Settings):
+class MatchingSettings(Settings):
     """How the scan of a lidar is matched with a whole map.
 
     A pose's loss is ``global_effective_beams / 96`` times the sum over the beams that return of
@@ -118,7 +118,7 @@ class Matching(Settings):
         returns = (bearing_ranges > self.lidar.min_range) & (bearing_ranges <= self.lidar.range)
         return np.where(self.is_in_view, np.where(returns, bearing_ranges, np.inf), np.nan)
 
-    def beams(self, forward: float, left: float) -> Any:
+    def make_beams(self, forward: float, left: float) -> Any:
         """The beams that are compared, of a lidar so mounted, as the kernels take them.
 
         Parameters
@@ -139,7 +139,7 @@ BAND = 1 << 20
 """Number of cells of a strip, which bounds the memory."""
 
 
-def loss_tables(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Any:
+def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, fits: Bools) -> Any:
     """The losses around the map at each deviation, in the form that the kernels take."""
     import cv2
 
@@ -149,7 +149,7 @@ def loss_tables(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Any:
     margin = math.ceil(4 * sigmas[0] / resolution) + 2
     clear = 1 - np.pad(find_wall_cells(grid.cells == OCCUPIED), margin)
     height, width = clear.shape
-    levels = _losses_of_squares(sigmas, matching.z_rand, resolution, math.hypot(height, width))
+    levels = _tabulate_losses(sigmas, matching.z_rand, resolution, math.hypot(height, width))
     far = levels.shape[1] - 1
     reach = math.isqrt(far) + 1
     corners = np.empty((len(sigmas), height, width), np.uint32)
@@ -180,7 +180,7 @@ def loss_tables(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Any:
     )
 
 
-def _losses_of_squares(
+def _tabulate_losses(
     sigmas: Floats, z_rand: float, resolution: float, farthest: float
 ) -> NDArray[np.uint32]:
     """Losses at a squared distance of 0, 1, ... cells^2 for each deviation; the last one is `TOP`.
@@ -200,7 +200,7 @@ def _losses_of_squares(
     return losses
 
 
-class Posteriors(NamedTuple):
+class PosePosteriors(NamedTuple):
     """The posteriors of n scans about n poses, in the world's frame."""
 
     mean: Floats
@@ -213,7 +213,7 @@ class Posteriors(NamedTuple):
     """Entropy [nat], ambiguity, and log-likelihood a return at the most probable offset, (n, 3)."""
 
 
-class Matcher:
+class ScanMatcher:
     """The likelihood field of a map, made once for many scans.
 
     Parameters
@@ -229,7 +229,7 @@ class Matcher:
         self.window = settings.lattice(grid.resolution)
 
     @classmethod
-    def for_lidar(cls, grid: OccupancyGrid, lidar: Lidar) -> Matcher:
+    def for_lidar(cls, grid: OccupancyGrid, lidar: Lidar) -> ScanMatcher:
         """Matcher with the default settings for a lidar.
 
         Parameters
@@ -250,7 +250,7 @@ class Matcher:
         field = self.settings.prepare(self.grid.cells, self.grid.resolution).likelihood
         return field, make_lattice(self.window.half_steps, self.window.angles)
 
-    def posteriors(self, on_robot: Floats, poses: Floats) -> Posteriors:
+    def compute_posteriors(self, on_robot: Floats, poses: Floats) -> PosePosteriors:
         """Match scans about poses, each from the centre of its cell.
 
         Parameters
@@ -277,7 +277,7 @@ class Matcher:
             field, lattice, cells, from_cell, self.settings.temperature, *posterior_arrays
         )
         turn, steps = make_rotation_matrix(self.grid.origin[2]), self.window.steps
-        return Posteriors(
+        return PosePosteriors(
             mean * steps @ turn.T,
             turn @ (covariance * np.outer(steps, steps)) @ turn.T,
             best * steps @ turn.T,
@@ -298,7 +298,7 @@ class RangeDatabase:
 
     grid: OccupancyGrid
     """The map."""
-    matching: Matching
+    matching: MatchingSettings
     """The lidar, and how scans are matched."""
     fits: Bools
     """Mask of the cells where the robot may stand, (H, W)."""
@@ -317,7 +317,7 @@ class RangeDatabase:
         lidar, resolution = self.matching.lidar, self.grid.resolution
         return lidar.mount_x / resolution, lidar.mount_y / resolution
 
-    def scans_at(self, poses: Floats) -> Floats:
+    def simulate_scans(self, poses: Floats) -> Floats:
         """Ranges at the robot's poses, x, y [cells] and heading [rad], (n, 96) [m].
 
         They belong to `Matching.bearings`: infinite without a return, NaN out of the view.
@@ -328,7 +328,7 @@ class RangeDatabase:
             x, y and heading on the map [cells, cells, rad].
         """
         lidar = self.matching.lidar
-        ranges = _ranges(self, poses, lidar.mount_x, lidar.mount_y)
+        ranges = _cast_ranges(self, poses, lidar.mount_x, lidar.mount_y)
         ranges[:, ~self.matching.is_in_view] = np.nan
         return ranges
 
@@ -345,7 +345,7 @@ class RangeDatabase:
         counts = np.where(np.isfinite(ranges), 16 * ranges, no_return)
         return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)
 
-    def in_world(self, poses: Floats) -> Floats:
+    def convert_to_world(self, poses: Floats) -> Floats:
         """Poses in the world, (n, 3) [m, m, rad].
 
         Parameters
@@ -358,7 +358,7 @@ class RangeDatabase:
         return np.column_stack([x, y, heading])
 
 
-def make_range_database(grid: OccupancyGrid, matching: Matching) -> RangeDatabase:
+def make_range_database(grid: OccupancyGrid, matching: MatchingSettings) -> RangeDatabase:
     """Cast the beams of a lidar at every reachable place of a map.
 
     Parameters
@@ -378,34 +378,34 @@ def make_range_database(grid: OccupancyGrid, matching: Matching) -> RangeDatabas
     occupied = grid.cells == OCCUPIED
     if not occupied.any():
         raise ConfigError(f"{grid.name or 'the map'} has no occupied cell that a beam could meet")
-    fits = reachable(grid, matching.robot_radius)
+    fits = find_reachable_cells(grid, matching.robot_radius)
     if not fits.any():
         raise ConfigError(
             f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
             f" {grid.name or 'the map'}; give a smaller radius"
         )
-    tables = loss_tables(grid, matching, fits)
-    positions = select_spaced_places(0.4, _of_lidar(grid, matching, fits), grid.resolution)
+    tables = make_loss_tables(grid, matching, fits)
+    positions = select_spaced_places(0.4, _find_lidar_cells(grid, matching, fits), grid.resolution)
     squares = empty_squares(occupied)
     range_database = RangeDatabase(
         grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares
     )
-    return dataclasses.replace(range_database, codes=_all_codes(range_database))
+    return dataclasses.replace(range_database, codes=_encode_all_places(range_database))
 
 
-def _all_codes(database: RangeDatabase) -> Octets:
+def _encode_all_places(database: RangeDatabase) -> Octets:
     """Codes of the ranges at all places, as `Database.codes` has them."""
     count = len(database.positions)
     codes = np.empty((count, TURNS), np.uint8)
     for first in range(0, count, 1 << 14):  # in blocks, which bounds the memory
         positions = database.positions[first : first + (1 << 14)]
         poses = np.column_stack([positions, np.zeros(len(positions))])
-        ranges = _ranges(database, poses, 0.0, 0.0)
+        ranges = _cast_ranges(database, poses, 0.0, 0.0)
         codes[first : first + len(positions)] = database.encode_ranges(ranges)
-    return in_blocks(np.hstack([codes, codes]))
+    return arrange_in_blocks(np.hstack([codes, codes]))
 
 
-def in_blocks(codes: Octets) -> Octets:
+def arrange_in_blocks(codes: Octets) -> Octets:
     """Codes of n places, (n, turns), as `Database.codes` has them."""
     from locplan._support.kernels.simd import OCTETS
 
@@ -415,7 +415,7 @@ def in_blocks(codes: Octets) -> Octets:
     return padded.reshape(blocks, OCTETS, -1).transpose(0, 2, 1).reshape(-1)
 
 
-def reachable(grid: OccupancyGrid, robot_radius: float) -> Bools:
+def find_reachable_cells(grid: OccupancyGrid, robot_radius: float) -> Bools:
     """Mask of the free cells where the robot fits, (H, W), without small regions of them."""
     import cv2
 
@@ -461,7 +461,7 @@ def _find_middles(fits: Bools, edge: int) -> Floats:
     return np.column_stack([cols[middle_cells], rows[middle_cells]]).astype(np.float64)
 
 
-def _of_lidar(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Bools:
+def _find_lidar_cells(grid: OccupancyGrid, matching: MatchingSettings, fits: Bools) -> Bools:
     """Mask of the cells where the lidar may be."""
     import cv2
 
@@ -474,11 +474,11 @@ def _of_lidar(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Bools:
     return np.asarray((near > 0) & (grid.cells != OCCUPIED))
 
 
-def _ranges(database: RangeDatabase, poses: Floats, forward: float, left: float) -> Floats:
+def _cast_ranges(database: RangeDatabase, poses: Floats, forward: float, left: float) -> Floats:
     """Ranges all round of a lidar so mounted at poses x, y, heading, (n, 96) [m]."""
     from locplan.recordings.kernels.matches import cast_ranges
 
-    beams = database.matching.beams(forward, left)
+    beams = database.matching.make_beams(forward, left)
     ranges = np.empty((len(poses), TURNS))
     at = np.ascontiguousarray(poses[:, [1, 0, 2]])
     cast_ranges(database.squares, database.grid.resolution, at, beams, ranges)
@@ -525,7 +525,7 @@ class ScanDatabase:
         return f"ScanDatabase({self.grid.name or 'map'}, {self.lidar.title})"
 
     @cached_property
-    def everywhere(self) -> RangeDatabase:
+    def full_database(self) -> RangeDatabase:
         """Ranges at all places.
 
         Raises
@@ -534,22 +534,22 @@ class ScanDatabase:
             If the map has no wall, or no place with this clearance.
         """
         return make_range_database(
-            self.grid, Matching(lidar=self.lidar, robot_radius=self.clearance)
+            self.grid, MatchingSettings(lidar=self.lidar, robot_radius=self.clearance)
         )
 
     @cached_property
-    def matcher(self) -> Matcher:
+    def matcher(self) -> ScanMatcher:
         """What gives the covariance of a match about its pose."""
-        return Matcher.for_lidar(self.grid, self.lidar)
+        return ScanMatcher.for_lidar(self.grid, self.lidar)
 
     @cached_property
     def nats_a_loss(self) -> float:
         """Nats of the greatest loss of one of the beams that count."""
-        matching = self.everywhere.matching
+        matching = self.full_database.matching
         beams = len(self.matcher.settings.beam_numbers)
         return matching.nats_a_loss * float(matching.is_in_view.sum()) / beams
 
-    def compared_ends(self, on_robot: Floats) -> Singles:
+    def select_compared_ends(self, on_robot: Floats) -> Singles:
         """Ends of the beams that return, (2, k) [cells], of those that `locplan.Scan` compares.
 
         Parameters
@@ -575,14 +575,14 @@ class ScanDatabase:
         ConfigError
             If the robot fits nowhere so near.
         """
-        grid, full_database = self.grid, self.everywhere
-        is_near = full_database.fits & (_distances(grid, xy) <= within)
+        grid, full_database = self.grid, self.full_database
+        is_near = full_database.fits & (_compute_distances(grid, xy) <= within)
         if not is_near.any():
             raise ConfigError(
                 f"the robot has no place within {within:g} m of the {len(xy)} positions that it"
                 f" may be near; are they in the frame of {grid.name or 'the map'}?"
             )
-        return _restrict(full_database, is_near)
+        return _restrict_database(full_database, is_near)
 
 
 @lru_cache(maxsize=4)
@@ -591,7 +591,7 @@ def get_database(grid: OccupancyGrid, lidar: Lidar, clearance: float) -> ScanDat
     return ScanDatabase(grid, lidar, clearance)
 
 
-def checked_database(
+def resolve_database(
     grid: OccupancyGrid, lidar: Lidar, clearance: float, database: ScanDatabase | None
 ) -> ScanDatabase:
     """The database that was given, or one of the last four, or a new one.
@@ -622,7 +622,7 @@ def checked_database(
     return database
 
 
-def _distances(grid: OccupancyGrid, xy: Floats) -> Singles:
+def _compute_distances(grid: OccupancyGrid, xy: Floats) -> Singles:
     """Distance of each cell from the nearest cell with a position, (H, W) [m]."""
     import cv2
 
@@ -636,11 +636,11 @@ def _distances(grid: OccupancyGrid, xy: Floats) -> Singles:
     return np.asarray(cells * np.float32(grid.resolution))
 
 
-def _restrict(database: RangeDatabase, fits: Bools) -> RangeDatabase:
+def _restrict_database(database: RangeDatabase, fits: Bools) -> RangeDatabase:
     """The part of a database of the places from which the robot can get to cells (H, W)."""
     from locplan._support.kernels.simd import OCTETS
 
-    near = _of_lidar(database.grid, database.matching, fits)
+    near = _find_lidar_cells(database.grid, database.matching, fits)
     col, row = np.floor(database.positions.T).astype(np.int64)
     place_numbers = np.flatnonzero(near[row, col])
     places = database.codes.reshape(-1, 2 * TURNS, OCTETS).transpose(0, 2, 1)
@@ -648,12 +648,12 @@ def _restrict(database: RangeDatabase, fits: Bools) -> RangeDatabase:
         database,
         fits=fits,
         positions=database.positions[place_numbers],
-        codes=in_blocks(places.reshape(-1, 2 * TURNS)[place_numbers]),
+        codes=arrange_in_blocks(places.reshape(-1, 2 * TURNS)[place_numbers]),
         tables=database.tables._replace(fits=fits.astype(np.uint8)),
     )
 
 
-Result = TypeVar("Result")
+BatchResult = TypeVar("Result")
 MIN_RETURNS = 5
 """Number of returns below which a scan says nothing about its pose."""
 MODE_DISTANCE, MODE_TURN = 0.8, 0.5
@@ -665,14 +665,14 @@ WRONG_DISTANCE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class ScanModes:
     """The poses that explain a scan best, the best first."""
 
     poses: Floats
     """x, y [cells] and heading [rad] of each on the map, (n, 3)."""
     losses: Floats
     """Loss of each, (n,) [nats]."""
-    returns: int
+    n_returns: int
     """Number of the scan's beams that return; below `MIN_RETURNS` there are no modes."""
 
 
@@ -717,7 +717,7 @@ class ScanOnMap:
 
         return self.database.matching.nats_a_loss / TOP
 
-    def modes(self, home: Floats | None = None) -> Modes:
+    def find_modes(self, home: Floats | None = None) -> ScanModes:
         """Match the scan with the whole map.
 
         Parameters
@@ -755,7 +755,7 @@ class ScanOnMap:
             starts[find_distinct_poses(starts, np.arange(len(starts)), 0.6 / resolution, 0.25)]
         )
 
-    def refine_starts(self, starts: Floats, home: Floats | None = None) -> Modes:
+    def refine_starts(self, starts: Floats, home: Floats | None = None) -> ScanModes:
         """Modes to which some poses lead.
 
         Parameters
@@ -770,7 +770,7 @@ class ScanOnMap:
         resolution = self.database.grid.resolution
         count = int(self.returns.sum())
         if count < MIN_RETURNS:
-            return Modes(np.empty((0, 3)), np.empty(0), count)
+            return ScanModes(np.empty((0, 3)), np.empty(0), count)
         poses, losses = find_modes(
             self.database.tables,
             self.ends,
@@ -785,16 +785,16 @@ class ScanOnMap:
         )
         losses = losses * self._nats
         order = np.argsort(losses, kind="stable")
-        return Modes(poses[order], losses[order], count)
+        return ScanModes(poses[order], losses[order], count)
 
 
 def run_in_batches(
-    work: Callable[[Ints], Sequence[Result]],
+    work: Callable[[Ints], Sequence[BatchResult]],
     count: int,
     threads: int,
     progress: ProgressCallback | None = None,
-    batch: int = 16,
-) -> list[Result]:
+    batch_size: int = 16,
+) -> list[BatchResult]:
     """Results of numbers 0 to count - 1, which threads work at in batches.
 
     Parameters
@@ -807,11 +807,11 @@ def run_in_batches(
         Number of threads.
     progress : callable, optional
         Called with (done, total) numbers.
-    batch : int, default 16
+    batch_size : int, default 16
         How many a thread takes at a time.
     """
-    results: list[Result] = []
-    batches = np.array_split(np.arange(count), max(1, -(-count // batch)))
+    results: list[BatchResult] = []
+    batches = np.array_split(np.arange(count), max(1, -(-count // batch_size)))
     with ThreadPoolExecutor(threads) as pool:
         for batch_results in pool.map(work, batches):
             results.extend(batch_results)

@@ -27,7 +27,7 @@ from locplan._support.poses import (
 )
 from locplan._support.tables import format_table, nan_to_none
 from locplan.errors import RecordingError
-from locplan.recordings.logs import Source, check_array, check_poses, freeze_array
+from locplan.recordings.logs import RecordingSource, check_array, check_poses, freeze_array
 from locplan.robots.lidar import Lidar
 from locplan.robots.parts import Kinematics
 from locplan.robots.robot import Robot
@@ -71,7 +71,7 @@ class Recording:
     """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
     odometry: Floats | None = None
     """Poses by odometry at the scans, (n, 3) [m, m, rad], in a frame of its own; or None."""
-    source: Source = field(default_factory=Source)
+    source: RecordingSource = field(default_factory=RecordingSource)
     """The file, topics and frames that it was read from."""
     speeds: Floats | None = None
     """Speeds ahead by odometry at the scans, (n,) [m/s], NaN where unknown; or None."""
@@ -85,13 +85,13 @@ class Recording:
             poses: ArrayLike,
             times: ArrayLike | None = None,
             odometry: ArrayLike | None = None,
-            source: Source = ...,
+            source: RecordingSource = ...,
             speeds: ArrayLike | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
         check_instance("lidar", self.lidar, Lidar)
-        check_instance("source", self.source, Source)
+        check_instance("source", self.source, RecordingSource)
         poses = check_array("poses", self.poses, np.dtype(np.float64), 2)
         if not len(poses) or not np.isnan(poses).all():
             poses = check_poses("pose", poses)
@@ -180,15 +180,15 @@ class Recording:
             speeds=None if self.speeds is None else self.speeds[index],
         )
 
-    def subsample(self, count: int) -> Recording:
+    def subsample(self, step: int) -> Recording:
         """Recording of every n-th scan, from the first on.
 
         Parameters
         ----------
-        count : int
+        step : int
             The number n, at least 1.
         """
-        return self[:: check_integer("every", count)]
+        return self[:: check_integer("every", step)]
 
     def window(self, start: float, end: float) -> Recording:
         """Recording of the scans of a part of the drive.

@@ -60,7 +60,7 @@ REPLAY = 14
 """Stream of random numbers of replays."""
 
 
-def sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
+def find_sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
     """A note if the filter updates less often than it would with more scans, and than Nav2's does.
 
     Else settings that update often would make any log a sparse one.
@@ -119,17 +119,19 @@ class ReplayInputs:
         self.truth = world_to_map_frame(grid, recording.poses)
         self._turn = make_rotation_matrix(grid.origin[2])
 
-    def arguments(self, robot: Robot, scores: NDArray[np.float32] | None = None) -> DriveArguments:
+    def make_arguments(
+        self, robot: Robot, scores: NDArray[np.float32] | None = None
+    ) -> DriveArguments:
         """The arguments of the kernels; of the disturbances those of the start are read."""
         robot = replace(robot, lidar=self.recording.lidar)
         return make_drive_arguments(self.grid, robot, scores=scores)
 
-    def ends(self, amcl: Amcl) -> Floats:
+    def select_ends(self, amcl: Amcl) -> Floats:
         """Ends of the beams that AMCL compares, (n, beams, 2) [cells]; NaN without a return."""
         ends = compared_ends(amcl, self.recording.lidar, self.recording.ranges)
         return ends / self.grid.resolution
 
-    def track(
+    def run_filter(
         self,
         random: np.random.Generator,
         ends: Floats,
@@ -148,7 +150,7 @@ class ReplayInputs:
         return errors @ self._turn.T, self._turn @ covariances @ self._turn.T
 
 
-def without_jumps(
+def remove_jumps(
     poses: Floats, odometry: Floats, faulty: NDArray[np.bool_] | None = None
 ) -> tuple[Floats, Floats, int]:
     """Poses and odometry that both stand still where they jump apart, and the number of jumps.
@@ -199,16 +201,16 @@ def _chain_motions(first: Floats, ways: Floats, left_out: NDArray[np.bool_]) -> 
 
 
 @dataclass(frozen=True)
-class Consistency:
+class FilterConsistency:
     """The filter's own covariance beside its errors, where it resampled its particles.
 
     The interval is a percentile bootstrap over blocks of 10 m of the drive; NaN where it has fewer
     than five.
     """
 
-    within: Interval
+    share_within: Interval
     """Share of the recorded positions in the filter's 95 % ellipse, 0..1."""
-    wider: float
+    ellipse_factor: float
     """Factor by which the filter's ellipses would have to be wider for half of the positions to lie
     in those of 50 %; 1 where they are right."""
     filter_std: float
@@ -226,15 +228,15 @@ class Consistency:
                 f"The filter resampled its particles at {self.updates} of the scans, too few to"
                 " judge its covariance."
             )
-        share = f"{self.within.value:.0%} of the recorded positions lie in its 95% ellipse"
-        if self.within.value < 0.85:
+        share = f"{self.share_within.value:.0%} of the recorded positions lie in its 95% ellipse"
+        if self.share_within.value < 0.85:
             return (
-                f"The filter is overconfident: {share}, which would have to be {self.wider:.1f}"
+                f"The filter is overconfident: {share}, which would have to be {self.ellipse_factor:.1f}"
                 " times as wide; or the recorded poses are off by as much."
             )
-        if self.within.value > 0.98 and self.wider < 0.7:
+        if self.share_within.value > 0.98 and self.ellipse_factor < 0.7:
             return (
-                f"The filter says that it is unsure: {share}, which could be {self.wider:.1f} times"
+                f"The filter says that it is unsure: {share}, which could be {self.ellipse_factor:.1f} times"
                 " as wide."
             )
         return f"The filter's covariance agrees with its errors: {share}."
@@ -288,7 +290,7 @@ class Replay(Result):
         return np.isfinite(self.covariances[0, :, 0, 0])
 
     @property
-    def squares(self) -> Floats:
+    def nees(self) -> Floats:
         """Squared distance of the recorded position from the filter's, in its own standard
         deviations (NEES), (runs, n); NaN where it did not resample. Right covariances have 2 on
         average."""
@@ -305,17 +307,19 @@ class Replay(Result):
         return np.asarray(np.median(scalar(self.covariances, "position_rms"), axis=0))
 
     @cached_property
-    def consistency(self) -> Consistency:
+    def consistency(self) -> FilterConsistency:
         """How well the filter knows its own errors."""
         at = self.is_updated
         if not at.any():
             unknown = math.nan
-            return Consistency(Interval(unknown, unknown, unknown), unknown, unknown, unknown, 0)
+            return FilterConsistency(
+                Interval(unknown, unknown, unknown), unknown, unknown, unknown, 0
+            )
         # Where the covariance is right, these squares have a chi-square distribution of two
         # degrees of freedom: 95 % of them are below -2 ln 0.05, and half below 2 ln 2.
-        squares = self.squares[:, at]
+        squares = self.nees[:, at]
         inside = (squares <= -2 * math.log(0.05)).mean(axis=0)
-        return Consistency(
+        return FilterConsistency(
             estimate_block_mean(inside, assign_blocks(self.recording.poses)[at]),
             math.sqrt(float(np.median(squares)) / (2 * math.log(2))),
             float(np.median(scalar(self.covariances[:, at], "position_rms"))),
@@ -355,12 +359,12 @@ class Replay(Result):
     @property
     def is_sparse(self) -> bool:
         """True if the log has so few scans that losses of the filter are the log's own."""
-        return bool(sparse_notes(self.recording, self.robot.amcl))
+        return bool(find_sparse_notes(self.recording, self.robot.amcl))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What limits the replay, in sentences without a full stop."""
-        return sparse_notes(self.recording, self.robot.amcl)
+        return find_sparse_notes(self.recording, self.robot.amcl)
 
     def summary(self) -> dict[str, object]:
         """All that was found, fit for JSON."""
@@ -372,8 +376,8 @@ class Replay(Result):
             "updates": consistency.updates,
             "errors": extract_values(DRIVE_COLUMNS, self.drives),
             "consistency": {
-                "within_95_ellipse": list(consistency.within),
-                "wider_by": consistency.wider,
+                "within_95_ellipse": list(consistency.share_within),
+                "wider_by": consistency.ellipse_factor,
                 "filter_std": consistency.filter_std,
                 "error": consistency.error,
             },
@@ -474,26 +478,26 @@ def replay(
     workers = check_threads(threads)
     check_memory(f"{runs} runs of {len(recording)} scans", 12 * 8 * runs * len(recording), "fewer")
     tracks = ReplayInputs(recording, check_filter_map(filter_map, grid))
-    arguments = tracks.arguments(robot)
+    arguments = tracks.make_arguments(robot)
     errors = np.empty((runs, len(recording), 3))
     covariances = np.empty((runs, len(recording), 3, 3))
-    ends = tracks.ends(robot.amcl)
+    ends = tracks.select_ends(robot.amcl)
 
     def run(run_numbers: NDArray[np.int64]) -> list[int]:
         numbers: list[int] = run_numbers.tolist()
         for n in numbers:
-            errors[n], covariances[n] = tracks.track(
+            errors[n], covariances[n] = tracks.run_filter(
                 make_generator(seed, REPLAY, n), ends, arguments
             )
         return numbers
 
-    run_in_batches(run, runs, workers, progress, batch=1)
+    run_in_batches(run, runs, workers, progress, batch_size=1)
     return Replay(recording, grid, robot, seed, errors, covariances, filter_map)
 
 
 def replay_report(replay: Replay) -> str:
     """Table of the errors against the recorded poses, and of the filter's consistency."""
-    consistency, within = replay.consistency, replay.consistency.within
+    consistency, within = replay.consistency, replay.consistency.share_within
     share = f"{within.value:.0%}" if np.isnan(within.low) else format_percent(within)
     # A rate of losses would be that of the log's lack of scans, not of the filter.
     columns = [

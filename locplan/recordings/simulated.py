@@ -10,7 +10,7 @@ from locplan._support.checks import check_positive
 from locplan._support.poses import compute_travel_distances
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps.grid import OccupancyGrid, world_to_map_frame
-from locplan.recordings.logs import Source
+from locplan.recordings.logs import RecordingSource
 from locplan.recordings.recording import Recording
 from locplan.robots.robot import Robot
 
@@ -104,5 +104,5 @@ def record_drive(
         np.round(poses, 5),
         np.round(times, 3),
         np.round(reported, 5).astype(np.float64),
-        Source(file="simulated", scans="simulated", poses="true", odometry="simulated"),
+        RecordingSource(file="simulated", scans="simulated", poses="true", odometry="simulated"),
     )

@@ -24,7 +24,7 @@ from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, world_to_map_frame
 from locplan.maps.occupancy import OCCUPIED
 from locplan.recordings.filter_pass import BEAMS, SIGMA, UNEXPLAINED, FilterPass, Walls, beam_model
-from locplan.recordings.matching import CLEARANCE, ScanDatabase, checked_database
+from locplan.recordings.matching import CLEARANCE, ScanDatabase, resolve_database
 from locplan.recordings.recording import Recording
 from locplan.recordings.trajectory import (
     AMBIGUOUS,
@@ -129,9 +129,9 @@ def smooth(
     True
     """
     _check_drive(grid, recording, seed)
-    first_pose = _first_pose(grid, recording, start)
-    drive = _Drive.prepare(grid, recording)
-    model = OdometryModel.first(recording.robot(robot).odometry)
+    first_pose = _parse_first_pose(grid, recording, start)
+    drive = _DriveOnMap.prepare(grid, recording)
+    model = OdometryModel.make_prior(recording.robot(robot).odometry)
     keys = drive.make_chain(drive.choose_key_scans(), model)
     keys, candidates = _propose_trajectories(drive, keys, first_pose, seed, folder, progress)
     key_poses, is_bridged = keys.bridge_excursions(keys.find_likeliest(candidates))
@@ -159,7 +159,7 @@ def _check_drive(grid: OccupancyGrid, recording: Recording, seed: int) -> None:
         raise RecordingError(f"{grid.name or 'the map'} has no walls; take another map")
 
 
-def _first_pose(
+def _parse_first_pose(
     grid: OccupancyGrid, recording: Recording, start: ArrayLike | str | None
 ) -> Floats | None:
     """Return the pose of the first scan in the map's own axes; None if it is not known."""
@@ -184,7 +184,7 @@ def _first_pose(
 
 
 @dataclass(frozen=True, eq=False)
-class _Drive:
+class _DriveOnMap:
     """A recorded drive and its map, as the steps need them; poses are in the map's own axes."""
 
     grid: OccupancyGrid
@@ -198,10 +198,10 @@ class _Drive:
     """Ends of up to 180 beams of each scan on the robot, (n, b, 2) [m]; NaN without a return."""
 
     @classmethod
-    def prepare(cls, grid: OccupancyGrid, recording: Recording) -> _Drive:
+    def prepare(cls, grid: OccupancyGrid, recording: Recording) -> _DriveOnMap:
         """Prepare a drive."""
-        database = checked_database(grid, recording.lidar, CLEARANCE, None)
-        _ = database.everywhere  # before the work that shows its progress
+        database = resolve_database(grid, recording.lidar, CLEARANCE, None)
+        _ = database.full_database  # before the work that shows its progress
         odometry = recording.poses if recording.odometry is None else recording.odometry
         lidar, ranges = recording.lidar, recording.ranges
         beams = np.unique(np.linspace(0, lidar.beams - 1, SCAN_BEAMS).astype(np.int64))
@@ -222,9 +222,9 @@ class _Drive:
                 keys.append(n)
         return np.array(keys)
 
-    def make_chain(self, scans: Ints, model: OdometryModel) -> Chain:
+    def make_chain(self, scans: Ints, model: OdometryModel) -> ScanChain:
         """Return the chain of some scans."""
-        return Chain(
+        return ScanChain(
             self.walls,
             scans,
             self.ends[scans],
@@ -234,7 +234,7 @@ class _Drive:
 
     def run_filter(
         self,
-        keys: Chain,
+        keys: ScanChain,
         first_pose: Floats | None,
         seed: int,
         folder: Path | None,
@@ -245,7 +245,10 @@ class _Drive:
     ) -> Floats:
         """Sample trajectories (16, k, 3) from a filter that runs along the key scans."""
         ends, ranges = keys.ends[:, ::3], self.recording.ranges[keys.scans]
-        ways, deviations = keys.model.correct_ways(keys.moves), keys.model.deviations(keys.moves)
+        ways, deviations = (
+            keys.model.correct_ways(keys.moves),
+            keys.model.compute_deviations(keys.moves),
+        )
         if is_backwards:
             ends, ranges = ends[::-1], ranges[::-1]
             ways[1:] = compute_motions(ways[1:], np.zeros_like(ways[1:]))[::-1]
@@ -258,13 +261,13 @@ class _Drive:
 
 
 def _propose_trajectories(
-    drive: _Drive,
-    keys: Chain,
+    drive: _DriveOnMap,
+    keys: ScanChain,
     first_pose: Floats | None,
     seed: int,
     folder: Path | None,
     progress: ProgressCallback | None,
-) -> tuple[Chain, Floats]:
+) -> tuple[ScanChain, Floats]:
     """Sample trajectories from a filter in both directions, and refine them by least squares.
 
     Returns the key scans with what they tell of odometry, and the trajectories (32, k, 3).
@@ -280,14 +283,14 @@ def _propose_trajectories(
     )
     back = learned.refine_samples(samples)
     # If odometry is much worse than assumed, the first pass was too confident: it runs again.
-    wider = learned.model.deviations(keys.moves) / keys.model.deviations(keys.moves)
+    wider = learned.model.compute_deviations(keys.moves) / keys.model.compute_deviations(keys.moves)
     if np.median(wider[1:], axis=0).max() > 1.3:
         samples = drive.run_filter(learned, first_pose, seed, folder, report_back, number=2)
         forth = learned.refine_samples(samples)
     return learned, np.concatenate([forth, back])
 
 
-def _compute_scatter(keys: Chain, key_poses: Floats, candidates: Floats) -> Floats:
+def _compute_scatter(keys: ScanChain, key_poses: Floats, candidates: Floats) -> Floats:
     """Compute the root mean square distance of candidates from the likeliest poses, (k,) [m].
 
     They are refined until they hardly move any more: what then remains are other places.
@@ -296,7 +299,9 @@ def _compute_scatter(keys: Chain, key_poses: Floats, candidates: Floats) -> Floa
     return np.asarray(np.sqrt(((refined - key_poses)[..., :2] ** 2).sum(axis=2).mean(axis=0)))
 
 
-def _follow_odometry(drive: _Drive, keys: Chain, key_poses: Floats) -> tuple[Chain, Floats, Ints]:
+def _follow_odometry(
+    drive: _DriveOnMap, keys: ScanChain, key_poses: Floats
+) -> tuple[ScanChain, Floats, Ints]:
     """Spread the poses of the key scans to all scans.
 
     Scans follow odometry from the key scan before. If odometry jumps to the next key scan, they
@@ -323,7 +328,7 @@ def _follow_odometry(drive: _Drive, keys: Chain, key_poses: Floats) -> tuple[Cha
     return replace(chain, jumps=tuple(jumps)), forth, before
 
 
-def _refine_all(chain: Chain, poses: Floats) -> tuple[Chain, Floats]:
+def _refine_all(chain: ScanChain, poses: Floats) -> tuple[ScanChain, Floats]:
     """Refine all poses together, and learn how odometry errs from them."""
     poses = chain.refine(poses, 15)
     for _ in range(2):
@@ -332,7 +337,9 @@ def _refine_all(chain: Chain, poses: Floats) -> tuple[Chain, Floats]:
     return chain, poses
 
 
-def _compute_covariances(grid: OccupancyGrid, chain: Chain, poses: Floats, fits: Floats) -> Floats:
+def _compute_covariances(
+    grid: OccupancyGrid, chain: ScanChain, poses: Floats, fits: Floats
+) -> Floats:
     """Compute the covariances of poses, wider where the map fits badly, (n, 3, 3) [m, m, rad]."""
     misfit = np.nan_to_num(np.maximum(np.nanmedian(fits) - fits, 0.0))
     position = (0.2 * grid.resolution) ** 2 + 0.01**2 + (0.1 * misfit) ** 2
@@ -342,7 +349,7 @@ def _compute_covariances(grid: OccupancyGrid, chain: Chain, poses: Floats, fits:
 
 
 def _find_doubts(
-    chain: Chain,
+    chain: ScanChain,
     poses: Floats,
     covariances: Floats,
     fits: Floats,
@@ -378,8 +385,8 @@ def _find_misfits(fits: Floats, way: Floats) -> Bools:
 
 
 def _make_trajectory(
-    drive: _Drive,
-    chain: Chain,
+    drive: _DriveOnMap,
+    chain: ScanChain,
     poses: Floats,
     covariances: Floats,
     doubts: Ints,
@@ -406,7 +413,7 @@ def _make_trajectory(
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class ScanChain:
     """Successive scans of a drive, and the least squares of their poses."""
 
     walls: Walls
@@ -422,14 +429,14 @@ class Chain:
     """Scans to which odometry does not lead."""
 
     @cached_property
-    def _drive(self) -> Any:
+    def _kernel_scans(self) -> Any:
         """The scans and the odometry as the kernels take them."""
         from locplan.recordings.kernels.least_squares import DriveScans
 
         # Scans from almost the same place tell the same.
         shares = np.minimum(1.0, self.moves.lengths / 0.5)
         shares[0] = 1.0
-        deviations = self.model.deviations(self.moves)
+        deviations = self.model.compute_deviations(self.moves)
         deviations[list(self.jumps)] = np.inf
         return DriveScans(self.ends, shares, self.model.correct_ways(self.moves), deviations)
 
@@ -439,7 +446,7 @@ class Chain:
 
         poses = np.array(poses)
         beams = beam_model(FINE, FINE_BEAMS)
-        refine_poses(self.walls.distances, beams, self._drive, poses, rounds)
+        refine_poses(self.walls.distances, beams, self._kernel_scans, poses, rounds)
         return poses
 
     def refine_samples(self, samples: Floats) -> Floats:
@@ -459,7 +466,7 @@ class Chain:
         from locplan.recordings.kernels.trajectory import find_likeliest_way
 
         gains = BEAMS * np.maximum(np.nan_to_num(self.compute_fits(candidates)), UNEXPLAINED)
-        _, _, moves, deviations = self._drive
+        _, _, moves, deviations = self._kernel_scans
         choice = find_likeliest_way(candidates, gains, moves, deviations, self.walls.kidnap_density)
         return np.asarray(candidates[choice, np.arange(len(choice))])
 
@@ -474,11 +481,11 @@ class Chain:
         blocks = np.empty((4, len(poses), 3, 3))
         equations = Equations(blocks[0], blocks[1], np.empty((len(poses), 3)))
         model = beam_model(FINE, beams)
-        write_normal_equations(self.walls.distances, model, self._drive, poses, equations)
+        write_normal_equations(self.walls.distances, model, self._kernel_scans, poses, equations)
         write_covariances(equations, blocks[2], blocks[3])
         return blocks[2], blocks[3]
 
-    def learn_odometry(self, poses: Floats) -> Chain:
+    def learn_odometry(self, poses: Floats) -> ScanChain:
         """Return the same scans with what poses tell of odometry."""
         covariances, across = self.compute_covariances(poses, FINE_BEAMS)
         is_used = np.ones(len(poses))
@@ -498,7 +505,7 @@ class Chain:
     def find_jumps(self, poses: Floats) -> tuple[int, ...]:
         """Find the scans to which odometry does not lead: far off, and far beyond its errors."""
         errors = self.compute_errors(poses)
-        square = ((errors / self.model.deviations(self.moves)) ** 2).sum(axis=1)
+        square = ((errors / self.model.compute_deviations(self.moves)) ** 2).sum(axis=1)
         is_far = (np.hypot(errors[:, 0], errors[:, 1]) > 0.5) | (np.abs(errors[:, 2]) > 0.5)
         return tuple(map(int, np.flatnonzero(is_far & (square > 40.0))))
 
@@ -544,17 +551,17 @@ class Chain:
                 is_displaced[begin : end + 1] = True
         return is_displaced
 
-    def _find_shifts(self, poses: Floats, way: Floats) -> list[_Shift]:
+    def _find_shifts(self, poses: Floats, way: Floats) -> list[_OdometryShift]:
         """Find stretches of up to 4 m without jumps at which odometry is clearly shifted."""
         before = np.zeros((len(poses), 3))
         before[1:, 2] = poses[:-1, 2]
         errors = apply_motions(before, self.compute_errors(poses))[:, :2]
         errors[list(self.jumps)] = 0.0
-        squares = self.model.deviations(self.moves)[:, :2] ** 2
+        squares = self.model.compute_deviations(self.moves)[:, :2] ** 2
         sums, variances = np.cumsum(errors, axis=0), np.cumsum(squares.mean(axis=1))
         marks = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], 1.0))).tolist()
         spans = sorted(span for n in range(1, 5) for span in zip(marks, marks[n:], strict=False))
-        shifts = (_Shift(begin, end, sums[end] - sums[begin]) for begin, end in spans)
+        shifts = (_OdometryShift(begin, end, sums[end] - sums[begin]) for begin, end in spans)
         return [
             shift
             for shift in shifts
@@ -562,19 +569,22 @@ class Chain:
             and (shift.error**2).sum() > 25 * (variances[shift.end] - variances[shift.begin])
         ]
 
-    def _find_turns(self, poses: Floats) -> list[tuple[_Shift, _Shift]]:
+    def _find_turns(self, poses: Floats) -> list[tuple[_OdometryShift, _OdometryShift]]:
         """Find pairs of scans, one of them a jump, at which odometry errs clearly in its turn."""
         errors = self.compute_errors(poses)[:, 2:]
-        size, deviations = np.abs(errors[:, 0]), self.model.deviations(self.moves)[:, 2]
+        size, deviations = np.abs(errors[:, 0]), self.model.compute_deviations(self.moves)[:, 2]
         turns = np.flatnonzero((size > DISPLACED_TURN) & (size > 5 * deviations)).tolist()
         return [
-            (_Shift(first - 1, first, errors[first]), _Shift(second - 1, second, errors[second]))
+            (
+                _OdometryShift(first - 1, first, errors[first]),
+                _OdometryShift(second - 1, second, errors[second]),
+            )
             for first, second in itertools.combinations(turns, 2)
             if first in self.jumps or second in self.jumps
         ]
 
 
-class _Shift(NamedTuple):
+class _OdometryShift(NamedTuple):
     """Successive scans between which odometry errs."""
 
     begin: int

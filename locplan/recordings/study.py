@@ -20,7 +20,7 @@ from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.map_faults import MapFault
 from locplan.recordings.calibration import DriveCalibration, calibrate_drive
 from locplan.recordings.faults import RecordingFaults, find_recording_faults
-from locplan.recordings.map_fit import MapFit, check_place, find_misfits, fit_to_map
+from locplan.recordings.map_fit import MapFit, check_recording_on_map, find_misfits, fit_to_map
 from locplan.recordings.recording import Recording
 from locplan.recordings.replays import Replay, replay
 from locplan.recordings.smoothing import load_or_smooth
@@ -145,7 +145,7 @@ class RecordingReport(Result):
         """
         target = check_file_path("a recording's file or folder", folder)
         if target.suffix == ".npz":
-            with recording_output(target, force=force).writing() as file:
+            with make_recording_output(target, force=force).writing() as file:
                 self.recording.save(file)
         else:
             super().save(target, force=force)
@@ -165,7 +165,7 @@ class RecordingReport(Result):
         return recording_report(self)
 
 
-def recording_output(target: Path, *, force: bool = False) -> Output:
+def make_recording_output(target: Path, *, force: bool = False) -> Output:
     """Return the output of a recording's file or folder, checked before long work.
 
     Parameters
@@ -246,7 +246,7 @@ def study_recording(
     if grid is None:
         return RecordingReport(recording, find_recording_faults(recording), seed)
     check_grid(grid)
-    check_place(recording, grid)
+    check_recording_on_map(recording, grid)
     smoothing, calibrating, replaying = split_progress(progress, [700, 200, 100])
     trajectory = load_or_smooth(recording, grid, robot, start=start, seed=seed, progress=smoothing)
     ground_truth = trajectory.replace_poses(recording)
@@ -274,15 +274,15 @@ def study_recording(
 
 def recording_report(report: RecordingReport) -> str:
     """Return the text for people: the verdict, then topics, ground truth, map, noise and replay."""
-    answer = _answer(report.faults)
+    answer = _format_verdict(report.faults)
     rows = [*report.recording.rows()]
     if report.trajectory:
         rows.append(("ground truth", report.trajectory.sentences[0]))
     if report.fit:
         rows.append(("map", report.fit.sentence))
-        rows += [("", _fault_text(fault)) for fault in report.map_faults]
+        rows += [("", _format_fault(fault)) for fault in report.map_faults]
     if report.calibration:
-        rows += _noise_rows(report.calibration)
+        rows += _format_noise_rows(report.calibration)
     if report.replay:
         drives = report.replay.drives
         runs = f"{len(report.replay.errors)} runs: error {drives.typical_rmse.value:.2g} m"
@@ -294,7 +294,7 @@ def recording_report(report: RecordingReport) -> str:
     )
 
 
-def _answer(faults: RecordingFaults) -> str:
+def _format_verdict(faults: RecordingFaults) -> str:
     """Return the verdict on a recording in one line."""
     count = len(faults.fault_sentences)
     number = "1 fault" if count == 1 else f"{count} faults"
@@ -305,7 +305,7 @@ def _answer(faults: RecordingFaults) -> str:
     return SOUND_IN_PART if faults.sentences else SOUND
 
 
-def _noise_rows(calibration: DriveCalibration) -> list[tuple[str, str]]:
+def _format_noise_rows(calibration: DriveCalibration) -> list[tuple[str, str]]:
     """Return the noise of scans and odometry as rows for people."""
     scans, odometry = calibration.scans, calibration.odometry
     of_scans = (
@@ -322,7 +322,7 @@ def _noise_rows(calibration: DriveCalibration) -> list[tuple[str, str]]:
     return [("scan noise", of_scans), ("odometry", of_odometry)]
 
 
-def _fault_text(fault: MapFault) -> str:
+def _format_fault(fault: MapFault) -> str:
     """Return a fault of the map with its worst places."""
     places = ", ".join(
         f"({(box[0] + box[2]) / 2:.1f}, {(box[1] + box[3]) / 2:.1f})"

@@ -83,7 +83,7 @@ class OdometryModel(EqualByValue):
     turned, and a scan, (3, 3) [m^2, m^2, rad^2]."""
 
     @classmethod
-    def first(cls, odometry: Odometry) -> OdometryModel:
+    def make_prior(cls, odometry: Odometry) -> OdometryModel:
         """What is taken for granted at first: wide errors, or those of a robot that has wider.
 
         Parameters
@@ -114,7 +114,7 @@ class OdometryModel(EqualByValue):
         lidar = np.broadcast_to(np.array(self.mount), robot.shape)
         return compute_motions(lidar, apply_motions(robot, lidar))
 
-    def deviations(self, moves: OdometryMoves) -> Floats:
+    def compute_deviations(self, moves: OdometryMoves) -> Floats:
         """Scales of the errors, (n, 3) [m, m, rad].
 
         Parameters
@@ -125,7 +125,7 @@ class OdometryModel(EqualByValue):
         return np.asarray(np.sqrt(moves.features @ self.variances.T))
 
     def refit(
-        self, moves: OdometryMoves, true: Floats, way_variances: Floats, used: Floats
+        self, moves: OdometryMoves, true_ways: Floats, way_variances: Floats, used: Floats
     ) -> OdometryModel:
         """The model that explains the true ways best: a step of expectation and maximisation.
 
@@ -133,7 +133,7 @@ class OdometryModel(EqualByValue):
         ----------
         moves : Moves
             What odometry says.
-        true : (n, 3) array
+        true_ways : (n, 3) array
             The ways [m, m, rad].
         way_variances : (n, 3) array
             Variances with which they are known, without which those of odometry would vanish.
@@ -142,12 +142,12 @@ class OdometryModel(EqualByValue):
         """
         model = self
         for _ in range(3):
-            model = model._refit_biases(moves, true, used)
-            errors = true - model.correct_ways(moves)
+            model = model._refit_biases(moves, true_ways, used)
+            errors = true_ways - model.correct_ways(moves)
             errors[:, TURN] = wrap_angles(errors[:, TURN])
             variances = np.empty((3, 3))
             for axis in range(3):
-                square, scale = errors[:, axis] ** 2, model.deviations(moves)[:, axis] ** 2
+                square, scale = errors[:, axis] ** 2, model.compute_deviations(moves)[:, axis] ** 2
                 robust_weights = (FREEDOM + 1) / (FREEDOM + square / scale)
                 squares, zeros = (
                     robust_weights * square + way_variances[:, axis],
@@ -164,7 +164,7 @@ class OdometryModel(EqualByValue):
         """The model with the biases, by robust regression towards none."""
         ahead, left, turn = moves.ways.T
         cos, sin = np.cos(turn) - 1, np.sin(turn)
-        deviations = self.deviations(moves)
+        deviations = self.compute_deviations(moves)
         off = true - moves.ways
         off[:, TURN] = wrap_angles(off[:, TURN])
         # A lidar that is mounted elsewhere swings about the robot in turns.
@@ -289,7 +289,7 @@ MAX_STRETCHES = 20
 
 
 @dataclass(frozen=True)
-class Jump:
+class OdometryJump:
     """A place to which odometry does not lead."""
 
     scan: int
@@ -306,7 +306,7 @@ class Jump:
     """By how much its heading is off [rad]."""
 
 
-def make_jump(scan: int, pose: Floats, error: Floats, times: Floats | None) -> Jump:
+def make_jump(scan: int, pose: Floats, error: Floats, times: Floats | None) -> OdometryJump:
     """The jump to a scan's pose, where odometry errs so."""
     distance, kind = float(np.hypot(error[0], error[1])), "slip"
     steps = np.zeros(1) if times is None else np.diff(times)
@@ -314,7 +314,7 @@ def make_jump(scan: int, pose: Floats, error: Floats, times: Floats | None) -> J
         kind = "gap"
     elif distance > CARRIED:
         kind = "carried"
-    return Jump(scan, kind, float(pose[0]), float(pose[1]), distance, float(error[2]))
+    return OdometryJump(scan, kind, float(pose[0]), float(pose[1]), distance, float(error[2]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -340,7 +340,7 @@ class Trajectory(Result, StoredResult):
     """Why each is not to be trusted, (n,): a place in `DOUBTS`, or 0 where it is."""
     fits: Floats
     """Log-likelihood a return of each scan, (n,): 0 where all ends lie on walls; NaN without."""
-    jumps: tuple[Jump, ...]
+    jumps: tuple[OdometryJump, ...]
     """The places to which odometry does not lead."""
     odometry: OdometryModel | None
     """How odometry errs; None where the log has none."""
@@ -381,12 +381,12 @@ class Trajectory(Result, StoredResult):
         return float(np.median(self.deviation))
 
     @cached_property
-    def off(self) -> Floats:
+    def log_distance(self) -> Floats:
         """Distance of the log's own poses from these, (n,) [m]."""
         return np.asarray(np.hypot(*(self.recorded - self.poses)[:, :2].T))
 
     @cached_property
-    def stretches(self) -> list[slice]:
+    def doubtful_stretches(self) -> list[slice]:
         """Scans that follow each other and are not to be trusted."""
         edges = np.flatnonzero(np.diff(np.concatenate([[True], self.is_trusted, [True]])))
         return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
@@ -422,7 +422,7 @@ class Trajectory(Result, StoredResult):
                 f"None of {len(self):,} scans is to be trusted: is it the right map, and odometry"
                 " that of the wheels?"
             ]
-        count = len(self.stretches)
+        count = len(self.doubtful_stretches)
         n_doubtful = int((~self.is_trusted).sum())
         doubtful = (
             f"{count} stretch{'es' * (count > 1)} with {n_doubtful} scans"
@@ -440,7 +440,7 @@ class Trajectory(Result, StoredResult):
         ]
         if self.odometry is None:
             lines.append("The log has no odometry: its own poses stand for it.")
-        off = self.off[self.is_trusted]
+        off = self.log_distance[self.is_trusted]
         lost = float((off > LOST_DISTANCE).mean())
         lines.append(
             f"The log's own poses are off by {100 * float(np.median(off)):.0f} cm in the"
@@ -459,7 +459,7 @@ class Trajectory(Result, StoredResult):
             "mount": list(model.mount),
             "variances": model.variances.tolist(),
         }
-        off = self.off[self.is_trusted]
+        off = self.log_distance[self.is_trusted]
         return nan_to_none(
             {
                 "map": self.map,
@@ -468,7 +468,7 @@ class Trajectory(Result, StoredResult):
                 "sentences": self.sentences,
                 "deviation": self._median,
                 "not_trusted": int((~self.is_trusted).sum()),
-                "stretches": [[jump.start, jump.stop] for jump in self.stretches],
+                "stretches": [[jump.start, jump.stop] for jump in self.doubtful_stretches],
                 "jumps": [vars(jump) for jump in self.jumps],
                 "log_off": float(np.median(off)) if len(off) else math.nan,
                 "odometry": of_odometry,
@@ -487,7 +487,7 @@ class Trajectory(Result, StoredResult):
             Column("major_axis", "rad"): direction,
             Column("heading_std", "rad"): np.sqrt(self.covariances[:, 2, 2]),
             Column("fit"): self.fits,
-            Column("off", "m"): self.off,
+            Column("off", "m"): self.log_distance,
             Column("doubt"): np.array(DOUBTS)[self.doubts],
         }
         return Table(tuple(values), tuple(zip(*(v.tolist() for v in values.values()), strict=True)))
@@ -536,7 +536,7 @@ class Trajectory(Result, StoredResult):
 def trajectory_report(drive_trajectory: Trajectory) -> str:
     """What was found and how odometry errs."""
     rows = [("map", drive_trajectory.map), ("drive", drive_trajectory.drive or "a recording")]
-    for n, stretch in enumerate(drive_trajectory.stretches[:MAX_STRETCHES]):
+    for n, stretch in enumerate(drive_trajectory.doubtful_stretches[:MAX_STRETCHES]):
         at, doubt = (
             drive_trajectory.poses[stretch.start],
             np.bincount(drive_trajectory.doubts[stretch]).argmax(),
@@ -545,7 +545,7 @@ def trajectory_report(drive_trajectory: Trajectory) -> str:
         scan_text = f"scan {first}" if first == last else f"scans {first} to {last}"
         place = f"{scan_text} at {at[0]:.1f},{at[1]:.1f}"
         rows.append(("" if n else "not trusted", f"{place}: {DOUBTS[doubt]}"))
-    if (n_hidden := len(drive_trajectory.stretches) - MAX_STRETCHES) > 0:
+    if (n_hidden := len(drive_trajectory.doubtful_stretches) - MAX_STRETCHES) > 0:
         rows.append(("", f"and {n_hidden} more, which -o writes into poses.csv"))
     if (model := drive_trajectory.odometry) is not None and drive_trajectory.is_trusted.any():
         x, y, yaw = model.mount

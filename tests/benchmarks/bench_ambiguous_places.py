@@ -44,8 +44,8 @@ def test_a_place_of_a_thousand_by_a_thousand_cells(benchmark):
     grid = cluttered()
     robot = Robot(Lidar.preset("rplidar-a1"))
     kept = ScanDatabase(grid, robot.lidar, robot.radius)
-    database = kept.everywhere
-    ranges = database.scans_at(np.array([[*database.positions[0], 0.0]]))
+    database = kept.full_database
+    ranges = database.simulate_scans(np.array([[*database.positions[0], 0.0]]))
 
     def every():
         return find_ambiguous_places(grid, robot, spacing=SPACING, threads=1)

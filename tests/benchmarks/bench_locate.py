@@ -59,7 +59,7 @@ def test_a_scan_on_a_map_of_940_by_620_cells(benchmark):
     beams = np.rint((LIDAR.angles % (2 * np.pi)) / STEP).astype(int) % TURNS
     scans = compared[:, beams]
     found = [locplan.locate(grid, scan, LIDAR, database=database) for scan in scans]
-    certain = [n for n in range(SCANS) if found[n].certain]
+    certain = [n for n in range(SCANS) if found[n].is_certain]
     assert len(certain) >= SCANS / 3
     ours, theirs = [], []
     for n in certain:

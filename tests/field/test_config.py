@@ -12,7 +12,7 @@ from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, SearchWindow
 from locplan.field.config import config_from_settings
 from locplan.field.estimators import estimator_class
 from locplan.field.sad import Exponential, InverseSquare
-from locplan.recordings.matching import Matching, ScanDatabase
+from locplan.recordings.matching import MatchingSettings, ScanDatabase
 from locplan.robots import Disturbances, Kinematics, Lidar, Odometry
 from locplan.robots.parts import Inflation
 from locplan.simulation.problem import RecommendationSettings
@@ -198,7 +198,7 @@ def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
         (Kinematics, (0.0, True, 0.5)),
         (Odometry, (0.02, 1.0, 1.0, 0.02, 1.0, 0.02)),
         (Disturbances, (0.1, 8, 0.04, 0.2, 20.0, 0.1, 3.0)),
-        (Matching, (36.0, 0.1, 0.05, 0.25, 600)),
+        (MatchingSettings, (36.0, 0.1, 0.05, 0.25, 600)),
         (ScanDatabase, (0.1,)),
         (RecommendationSettings, (1.5, False, 0.3, 64, False, False)),
     ],

@@ -21,7 +21,7 @@ from locplan.errors import ConfigError, RecordingError
 from locplan.field import SearchWindow
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import DriveEvaluation, Recording, evaluate_drive
-from locplan.recordings.evaluation import Matches, match_scans
+from locplan.recordings.evaluation import ScanMatches, match_scans
 from locplan.recordings.figures import drive_figure
 from locplan.recordings.kernels.matches import recorded_posteriors
 
@@ -162,7 +162,7 @@ def test_returns_that_scatter_about_walls_are_no_people(office, drive):
     found = evaluate_drive(scattered, office, estimators={"scan": Scan(drive.lidar)})
     assert (found.matches.score[::4] < -0.5).mean() > 0.8
     assert not found.is_outdated.any()
-    assert (found.matches.stray < 1 / 6).all()
+    assert (found.matches.stray_share < 1 / 6).all()
 
 
 def test_intervals_are_over_stretches_of_the_drive(found):
@@ -242,7 +242,7 @@ def made_up(stds, directions, blocks):
     covariance = turns @ own @ turns.transpose(0, 2, 1)
     lidar, poses = Lidar(beams=12), np.column_stack([np.arange(count), *np.zeros((2, count))])
     found = DriveEvaluation(
-        Matches(
+        ScanMatches(
             Recording(np.ones((count, 12)), lidar, poses),
             OccupancyGrid(np.full((9, 9), FREE, np.uint8), 0.1),
             Scan(lidar),

@@ -61,11 +61,11 @@ def with_ways(drive, change):
 def test_faults_are_none_if_drive_is_sound(office, drive):
     faults = find_recording_faults(drive, office)
     assert faults.is_sound
-    assert faults.places == ()
+    assert faults.disagreements == ()
     assert not faults.faulty_steps.any()
-    assert faults.backward_steps > 5
-    assert faults.reversed_steps == 0
-    assert faults.stretch.length < 0.5
+    assert faults.n_backward_steps > 5
+    assert faults.n_reversed_steps == 0
+    assert faults.misfit.length < 0.5
     assert not any("map" in text or "jumps" in text for text in faults.sentences)
 
 
@@ -76,13 +76,13 @@ def test_faults_name_dropped_sign_of_reversing(drive):
     faults = find_recording_faults(with_ways(drive, drop_sign))
     assert faults.has_sign_fault
     assert not faults.is_sound
-    assert faults.reversed_steps == faults.backward_steps > 5
+    assert faults.n_reversed_steps == faults.n_backward_steps > 5
     assert faults.reversed_way == pytest.approx(3.0, abs=0.6)
     assert faults.faulty_steps[72:98].all()
     assert not faults.faulty_steps[:65].any()
     assert not faults.faulty_steps[107:].any()
     assert faults.sentences[0] == (
-        f"Odometry moves forward at {faults.reversed_steps} of {faults.backward_steps} places"
+        f"Odometry moves forward at {faults.n_reversed_steps} of {faults.n_backward_steps} places"
         " where the"
         f" scans move back ({faults.reversed_way:.2g} m). Probably the driver drops the sign of the"
         " velocity."
@@ -95,7 +95,7 @@ def test_faults_find_slip_and_standstill(drive, share, is_sound):
         ways[20:40, :2] *= share  # over 2 m
 
     faults = find_recording_faults(with_ways(drive, slip))
-    (place,) = faults.places
+    (place,) = faults.disagreements
     assert place.x == pytest.approx(9.0, abs=0.5)
     assert place.error == pytest.approx(2 * (1 - share), abs=0.4)
     assert faults.is_sound == is_sound
@@ -109,13 +109,13 @@ def test_faults_find_jump_and_reset(drive):
     jumped = drive.odometry.copy()
     jumped[50:, 0] += 5.0
     faults = find_recording_faults(dataclasses.replace(drive, odometry=jumped))
-    assert (faults.jumps, faults.resets, faults.is_sound) == (1, 0, False)
+    assert (faults.n_jumps, faults.n_resets, faults.is_sound) == (1, 0, False)
     assert np.flatnonzero(faults.faulty_steps).tolist() == [49]
     assert faults.sentences[0] == "Odometry jumps at 1 place."
     reset = drive.odometry.copy()
     reset[50:] = compute_motions(reset[50], reset[50:])
     faults = find_recording_faults(dataclasses.replace(drive, odometry=reset))
-    assert (faults.jumps, faults.resets, faults.is_sound) == (1, 1, False)
+    assert (faults.n_jumps, faults.n_resets, faults.is_sound) == (1, 1, False)
     assert faults.sentences[0] == "Odometry jumps at 1 place, to its start at 1 of them."
 
 
@@ -124,8 +124,8 @@ def test_faults_ignore_gap_of_log(drive):
     gap = np.r_[:30, 60:71]
     times = 0.2 * np.arange(len(drive))
     some = dataclasses.replace(drive, times=times)[gap]
-    assert find_recording_faults(some).jumps == 0
-    assert find_recording_faults(dataclasses.replace(some, times=None)).jumps == 1
+    assert find_recording_faults(some).n_jumps == 0
+    assert find_recording_faults(dataclasses.replace(some, times=None)).n_jumps == 1
 
 
 def test_faults_find_kinked_map(office, drive):
@@ -138,10 +138,10 @@ def test_faults_find_kinked_map(office, drive):
     faults = find_recording_faults(drive, kinked)
     assert faults.has_misfit
     assert not faults.is_sound
-    assert faults.stretch.x > 10
+    assert faults.misfit.x > 10
     assert faults.sentences[0] == (
-        f"The map does not fit the scans at ({faults.stretch.x:.1f}, {faults.stretch.y:.1f}), over"
-        f" {faults.stretch.length:.2g} m."
+        f"The map does not fit the scans at ({faults.misfit.x:.1f}, {faults.misfit.y:.1f}), over"
+        f" {faults.misfit.length:.2g} m."
     )
 
 
@@ -153,7 +153,7 @@ def test_stretch_ignores_errors_of_poses(office, drive):
         values = random.normal(0, sigma, len(knots))
         poses[:, axis] += np.interp(np.arange(len(poses)), knots, values)
     faults = find_recording_faults(dataclasses.replace(drive, poses=poses), office)
-    assert faults.stretch.length < 1
+    assert faults.misfit.length < 1
 
 
 def test_faults_say_that_corridor_hides_motion():
@@ -166,10 +166,10 @@ def test_faults_say_that_corridor_hides_motion():
         ways[20:40, :2] *= 0.5
 
     faults = find_recording_faults(with_ways(drive, slip))
-    assert faults.places == ()
-    assert faults.hidden_steps > 0.9 * faults.steps
+    assert faults.disagreements == ()
+    assert faults.n_hidden_steps > 0.9 * faults.n_steps
     assert faults.sentences == (
-        f"The scans cannot show motion along corridors at {faults.hidden_steps} of {faults.steps}"
+        f"The scans cannot show motion along corridors at {faults.n_hidden_steps} of {faults.n_steps}"
         " steps.",
     )
 
@@ -254,7 +254,7 @@ def test_faults_count_stamps_out_of_order(tmp_path):
 def test_faults_need_no_odometry_poses_or_second_scan(office, drive):
     without = dataclasses.replace(drive, odometry=None)
     faults = find_recording_faults(without, office)
-    assert (faults.steps, faults.sentences, faults.is_sound) == (0, (), True)
+    assert (faults.n_steps, faults.sentences, faults.is_sound) == (0, (), True)
     assert find_recording_faults(drive[:1], office).is_sound
 
     def stand(ways):
@@ -262,8 +262,8 @@ def test_faults_need_no_odometry_poses_or_second_scan(office, drive):
 
     unknown = dataclasses.replace(with_ways(drive, stand), poses=np.full((len(drive), 3), np.nan))
     faults = find_recording_faults(unknown, office)
-    assert faults.stretch is None
-    assert faults.places[0].x == pytest.approx(9.0, abs=0.5)
+    assert faults.misfit is None
+    assert faults.disagreements[0].x == pytest.approx(9.0, abs=0.5)
 
 
 def test_steps_equal_plain_loops():
@@ -307,7 +307,7 @@ def test_steps_equal_plain_loops():
     assert math.degrees(offset[2]) == pytest.approx(best[2], abs=1)
     own = max(scores[i, j, t] for i, j, t in scores if abs(i) + abs(j) <= 1)
     assert steps.gains[0] == pytest.approx(scores[best] - own, abs=0.03)
-    assert steps.disagree.tolist() == [True]
+    assert steps.is_contradicted.tolist() == [True]
     true = compute_motions(*line)
     assert np.abs(steps.measured[0] - true)[:2].max() < 0.06
     assert abs(wrap_angles(steps.measured[0, 2] - true[2])) < math.radians(1.5)
@@ -320,6 +320,6 @@ def test_wean2_has_no_faults_of_odometry():
     drive = read_recording(folder / "wean2.log.gz")
     faults = find_recording_faults(drive, load_map(folder / "wean2.yaml"))
     assert faults.is_sound
-    assert faults.places == ()
-    assert faults.stretch.length < 1
-    assert faults.hidden_steps < 0.3 * faults.steps
+    assert faults.disagreements == ()
+    assert faults.misfit.length < 1
+    assert faults.n_hidden_steps < 0.3 * faults.n_steps

@@ -24,7 +24,12 @@ from locplan.recordings.evaluation import match_scans
 from locplan.recordings.figures import locate_figure, located_drive_figure
 from locplan.recordings.kernels.scan_losses import fits, loss_at, refine_on_lattice, refine_pose
 from locplan.recordings.location import locate_drive
-from locplan.recordings.matching import Matching, ScanDatabase, ScanOnMap, make_range_database
+from locplan.recordings.matching import (
+    MatchingSettings,
+    ScanDatabase,
+    ScanOnMap,
+    make_range_database,
+)
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -102,8 +107,8 @@ def test_simulated_scans_are_located_within_5_cm_and_1_degree(kind):
         pose = *grid.position(row, col), random.uniform(-3, 3)
         ranges = scan_at(grid, LIDAR, *pose) + 0.02 * random.standard_normal(LIDAR.beams)
         found = locate(grid, ranges, LIDAR)
-        certain += found.certain
-        if not is_at(found.best, *pose) and found.certain:
+        certain += found.is_certain
+        if not is_at(found.best, *pose) and found.is_certain:
             wrong.append((pose, found))
     assert not wrong
     assert certain >= 3
@@ -118,7 +123,7 @@ def test_two_equal_rooms_give_two_modes_of_half_the_weight(alike, pose):
     assert {is_at(second, *pose), is_at(second, *other)} == {True, False}
     assert first.weight == pytest.approx(0.5, abs=0.12)
     assert second.weight == pytest.approx(0.5, abs=0.12)
-    assert not found.certain
+    assert not found.is_certain
     assert found.sentence.startswith("Two places look alike: ")
     assert sum(mode.weight for mode in found.modes) <= 1 + 1e-9
 
@@ -131,7 +136,7 @@ def test_a_route_tells_equal_rooms_apart(alike):
         for near in (Path(route), np.linspace(*route, 8)):
             found = locate(alike, ranges, LIDAR, near=near, within=1.0)
             assert is_at(found.best, pose[0] + aside, *pose[1:])
-            assert found.certain
+            assert found.is_certain
             assert "no other place near the route" in found.sentence
 
 
@@ -147,7 +152,7 @@ def test_no_mode_lies_further_from_the_route_than_was_asked(alike):
 def test_rooms_that_differ_are_told_apart(different, pose):
     found = locate(different, scan_at(different, LIDAR, *pose), LIDAR)
     assert is_at(found.best, *pose)
-    assert found.explained > 0.95
+    assert found.explained_share > 0.95
 
 
 @pytest.mark.parametrize(
@@ -208,9 +213,9 @@ def test_weights_are_shares_of_exp_of_minus_the_excess(different):
     excess = np.array([mode.excess for mode in found.modes])
     assert len(weights) >= 2
     np.testing.assert_allclose(weights, np.exp(-excess) / np.exp(-excess).sum())
-    assert found.second == excess[1] > excess[0] == 0
+    assert found.second_excess == excess[1] > excess[0] == 0
     few = locate(different, scan_at(different, LIDAR, *POSES[1]), LIDAR, count=1)
-    assert [few.best.weight, few.second] == [weights[0], excess[1]]
+    assert [few.best.weight, few.second_excess] == [weights[0], excess[1]]
 
 
 def test_a_scan_unlike_the_map_is_said_to_be_so(different):
@@ -226,7 +231,7 @@ def test_many_places_that_look_alike_are_counted():
     grid = OccupancyGrid(cells, 0.1)
     found = locate(grid, scan_at(grid, LIDAR, 20.0, 1.5, 0.0), LIDAR, count=4)
     assert len(found.modes) == 4
-    assert found.second <= 3.0
+    assert found.second_excess <= 3.0
     assert found.sentence.startswith("4 or more places look alike; the best, ")
     every = locate(grid, scan_at(grid, LIDAR, 20.0, 1.5, 0.0), LIDAR, count=200)
     assert every.sentence.startswith(f"{len(every.modes)} places look alike; the best, ")
@@ -271,7 +276,7 @@ def test_a_recording_of_one_scan_knows_its_lidar(alike):
 
 
 def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
-    database = make_range_database(different, Matching(lidar=LIDAR))
+    database = make_range_database(different, MatchingSettings(lidar=LIDAR))
     ranges = scan_at(different, LIDAR, *POSES[0])
     compared = database.matching.select_ranges(ranges[None])[0]
     scan = ScanOnMap(database, compared)
@@ -305,7 +310,7 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
 def test_the_beams_that_count_are_few_and_all_round(different):
     lidar = replace(LIDAR, beams=1000)
     on_robot = lidar.ends_on_robot(np.full((1, 1000), 2.0, np.float32))
-    ends = ScanDatabase(different, lidar).compared_ends(on_robot[0])
+    ends = ScanDatabase(different, lidar).select_compared_ends(on_robot[0])
     assert ends.shape == (2, 360)
     np.testing.assert_allclose(np.hypot(*ends), 2.0 / different.resolution, rtol=1e-5)
 
@@ -341,7 +346,7 @@ def test_scans_without_enough_returns_are_left_out(located, office):
     found = locate_drive(replace(located.recording[:3], ranges=ranges), office)
     assert found.locations[1] is None
     assert np.isnan(found.poses[1]).all()
-    assert found.certain[1] == found.right[1] == False  # noqa: E712
+    assert found.is_certain[1] == found.is_right[1] == False  # noqa: E712
     assert "1 scans have too few returns" in found.report()
 
 
@@ -391,7 +396,7 @@ def test_scans_without_poses_are_located(located, office):
     unplaced = replace(recording, poses=np.full((3, 3), np.nan))
     found = locate_drive(unplaced, office, threads=1)
     np.testing.assert_array_equal(found.poses, located.poses[:3])
-    certain = int(found.certain.sum())
+    certain = int(found.is_certain.sum())
     assert found.sentence.startswith(f"{certain} of 3 scans have no second place within 3 nats.")
     assert found.summary()["right"] is None
     assert "certain" in found.figure().axes[0].get_legend_handles_labels()[1][0]
@@ -489,6 +494,6 @@ def test_scans_of_real_lasers_are_located(name):
     drive = read_recording(CARMEN / f"{name}-corrected.log.gz", range_limits=limits)
     some = scans[np.linspace(0, len(scans) - 1, 100).round().astype(int)]
     found = locate_drive(drive[some], grid)
-    assert found.right.mean() >= 0.94
-    assert found.certain.mean() >= 0.65
-    assert found.right[found.certain].mean() >= 0.97
+    assert found.is_right.mean() >= 0.94
+    assert found.is_certain.mean() >= 0.65
+    assert found.is_right[found.is_certain].mean() >= 0.97

@@ -15,7 +15,7 @@ from support.small_drive import FILE, MAP
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OccupancyGrid, load_map
 from locplan.recordings import Recording, fit_to_map, read_recording
-from locplan.recordings.map_fit import MapFit, check_place
+from locplan.recordings.map_fit import MapFit, check_recording_on_map
 from locplan.robots import Lidar
 
 NAMES = ("intel", "aces", "csail", "fhw", "orebro", "seattle")
@@ -142,9 +142,9 @@ def without_poses(recording: Recording) -> Recording:
 
 
 def test_check_place_accepts_recording_of_map(small, grid):
-    check_place(small, grid)
-    check_place(small.move(5.0, -3.0, 1.0), grid)
-    check_place(replace(small, odometry=None), grid)
+    check_recording_on_map(small, grid)
+    check_recording_on_map(small.move(5.0, -3.0, 1.0), grid)
+    check_recording_on_map(replace(small, odometry=None), grid)
 
 
 def test_check_place_rejects_recording_of_another_building(small):
@@ -154,22 +154,22 @@ def test_check_place_rejects_recording_of_another_building(small):
     )
     for recording in (small, without_poses(small)):
         with pytest.raises(RecordingError, match=message):
-            check_place(recording, other)
+            check_recording_on_map(recording, other)
 
 
 def test_check_place_names_wrong_mount(small, grid):
     centred = replace(small.lidar, mount_x=0.0)
     wrong = replace(small, lidar=replace(centred, mount_yaw_deg=-90))
     with pytest.raises(RecordingError, match="office: The lidar seems to be turned by 90 deg"):
-        check_place(wrong, grid)
+        check_recording_on_map(wrong, grid)
 
 
 def test_check_place_ignores_scans_without_returns(small, grid):
     ranges = small.ranges.copy()
     ranges[::2] = np.inf
-    check_place(replace(small, ranges=ranges), grid)
+    check_recording_on_map(replace(small, ranges=ranges), grid)
     ranges[5:] = np.inf  # nothing to compare, which other checks tell
-    check_place(replace(without_poses(small), ranges=ranges), grid)
+    check_recording_on_map(replace(without_poses(small), ranges=ranges), grid)
 
 
 @pytest.mark.parametrize("name", sample_cases(DRIVES, 0))
@@ -182,11 +182,11 @@ def test_check_place_tells_real_recordings_apart(name):
     for other in DRIVES:
         grid = load_map(folder / f"{other}.yaml")
         if other == name:
-            check_place(recording, grid)
-            check_place(without_poses(recording), grid)
+            check_recording_on_map(recording, grid)
+            check_recording_on_map(without_poses(recording), grid)
         else:
             with pytest.raises(RecordingError, match="does not fit"):
-                check_place(recording, grid)
+                check_recording_on_map(recording, grid)
 
 
 @pytest.mark.parametrize("name", sample_cases(NAMES, 0)[:3])

@@ -19,7 +19,7 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.recordings.kernels import matches as lists, scan_losses as losses
 from locplan.recordings.matching import (
     TURNS,
-    Matching,
+    MatchingSettings,
     ScanOnMap,
     make_range_database,
     select_spaced_places,
@@ -28,11 +28,11 @@ from locplan.robots import Lidar
 
 
 def test_scans_of_a_part_of_the_view_have_unseen_beams():
-    matching = Matching(lidar=Lidar(range=8.0, field_of_view_deg=90.0, mount_yaw_deg=90.0))
+    matching = MatchingSettings(lidar=Lidar(range=8.0, field_of_view_deg=90.0, mount_yaw_deg=90.0))
     seen = np.degrees(matching.bearings[matching.is_in_view])
     assert (seen.min(), seen.max()) == pytest.approx((45.0, 135.0))
     database = make_range_database(join_rooms(room_cells()), matching)
-    (scan,) = database.scans_at(np.array([[20.5, 30.5, 0.0]]))
+    (scan,) = database.simulate_scans(np.array([[20.5, 30.5, 0.0]]))
     assert np.isnan(scan[~matching.is_in_view]).all()
     assert not np.isnan(scan[matching.is_in_view]).any()
 
@@ -41,8 +41,8 @@ def test_measured_scans_are_compared_beam_by_beam():
     lidar = Lidar(range=8.0, min_range=0.5, beams=720, field_of_view_deg=180.0)
     measured = 1.0 + lidar.angles + math.pi / 2  # each beam knows its angle
     measured[:3], measured[-3:] = 0.1, 9.0
-    (scan,) = Matching(lidar=lidar).select_ranges(measured[None])
-    bearings = (Matching(lidar=lidar).bearings + math.pi) % (2 * math.pi) - math.pi
+    (scan,) = MatchingSettings(lidar=lidar).select_ranges(measured[None])
+    bearings = (MatchingSettings(lidar=lidar).bearings + math.pi) % (2 * math.pi) - math.pi
     finite = np.isfinite(scan)
     apart = np.abs(scan[finite] - 1.0 - math.pi / 2 - bearings[finite])
     assert apart.max() <= math.radians(180 / 719)
@@ -51,14 +51,14 @@ def test_measured_scans_are_compared_beam_by_beam():
 
 
 def test_modes_without_a_home_are_those_of_a_scan():
-    database = make_range_database(two_rooms(), Matching(lidar=LIDAR))
+    database = make_range_database(two_rooms(), MatchingSettings(lidar=LIDAR))
     home = np.array([[15.5, 30.5, 1.1]])
-    scans = database.scans_at(home)
-    found = ScanOnMap(database, scans[0]).modes()
+    scans = database.simulate_scans(home)
+    found = ScanOnMap(database, scans[0]).find_modes()
     assert found.losses[0] <= found.losses[1]
     at = {tuple(np.round(pose[:2] - home[0, :2]).astype(int)) for pose in found.poses[:2]}
     assert at == {(0, 0), (ROOM_CELLS + GAP_CELLS, 0)}
-    assert ScanOnMap(database, np.full(96, np.inf)).modes().poses.shape == (0, 3)
+    assert ScanOnMap(database, np.full(96, np.inf)).find_modes().poses.shape == (0, 3)
 
 
 def test_places_lie_one_in_each_square_where_the_robot_fits():
@@ -87,7 +87,7 @@ def test_losses_in_strips_are_those_of_the_whole_map(monkeypatch, band, settings
     monkeypatch.setattr("locplan.recordings.matching.BAND", band)
     cells = np.where(np.random.default_rng(5).random((70, 40)) < 0.004, OCCUPIED, FREE)
     grid = OccupancyGrid(cells.astype(np.uint8), 0.05)
-    matching = Matching(lidar=LIDAR, **settings)
+    matching = MatchingSettings(lidar=LIDAR, **settings)
     made = make_range_database(grid, matching).tables
     expected = oracles.matching.loss_tables(
         grid.cells == OCCUPIED, 0.05, matching.sigmas(0.05), matching.z_rand, made.margin
@@ -100,7 +100,7 @@ def test_specks_of_free_space_are_not_reachable():
     cells[2:40, 2:40] = FREE
     cells[50:58, 50:58] = FREE
     cells[0] = OCCUPIED
-    grid, matching = OccupancyGrid(cells, 0.1), Matching(lidar=LIDAR, robot_radius=0.0)
+    grid, matching = OccupancyGrid(cells, 0.1), MatchingSettings(lidar=LIDAR, robot_radius=0.0)
     fits = make_range_database(grid, matching).fits
     assert not fits[54, 54]
     assert fits[20, 20]
@@ -109,13 +109,13 @@ def test_specks_of_free_space_are_not_reachable():
 def test_matching_refuses_what_makes_no_sense():
     for wrong in ({"z_rand": 1.0}, {"z_rand": 0.0}, {"shortlisted": 0}):
         with pytest.raises(LocplanError, match=next(iter(wrong))):
-            Matching(lidar=LIDAR, **wrong)
+            MatchingSettings(lidar=LIDAR, **wrong)
 
 
 def test_coarse_maps_are_matched_with_a_cells_deviation():
-    assert Matching(lidar=LIDAR).sigmas(0.05).tolist() == [0.4, 0.2, 0.1]
-    assert Matching(lidar=LIDAR).sigmas(0.2).tolist() == [0.4, 0.2]
-    assert Matching(lidar=LIDAR).sigmas(0.5).tolist() == [0.5]
+    assert MatchingSettings(lidar=LIDAR).sigmas(0.05).tolist() == [0.4, 0.2, 0.1]
+    assert MatchingSettings(lidar=LIDAR).sigmas(0.2).tolist() == [0.4, 0.2]
+    assert MatchingSettings(lidar=LIDAR).sigmas(0.5).tolist() == [0.5]
 
 
 CAP = 8
@@ -261,11 +261,11 @@ def almost_equal_rooms(seed):
 def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
     """Branch and bound over all poses 0.1 m and 3 deg apart finds none with a lower loss."""
     grid = almost_equal_rooms(seed)
-    database = make_range_database(grid, Matching(lidar=Lidar(range=5.0), robot_radius=0.2))
+    database = make_range_database(grid, MatchingSettings(lidar=Lidar(range=5.0), robot_radius=0.2))
     home = np.array([*database.positions[len(database.positions) // 3], 0.4])
-    (ranges,) = database.scans_at(home[None])
+    (ranges,) = database.simulate_scans(home[None])
     scan = ScanOnMap(database, ranges)
-    found = scan.modes(home)
+    found = scan.find_modes(home)
     away = np.hypot(*(found.poses[:, :2] - home[:2]).T) * grid.resolution > 2.0
     ends = scan.ends.astype(float)
     tables, last = database.tables, len(database.tables.corners) - 1

@@ -67,7 +67,7 @@ def test_scans_are_counted_like_by_plain_loops(seed):
 def test_missing_walls_lie_at_true_ones(office, drive):
     half = without(office)
     misfits = find_misfits(half, [drive])
-    assert misfits.at_walls < 0.7
+    assert misfits.share_at_walls < 0.7
     assert misfits.missing.sum() > 500
     assert (half.cells[misfits.missing] == FREE).all()
     # By up to a cell.

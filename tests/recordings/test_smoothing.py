@@ -22,7 +22,7 @@ from locplan.recordings.calibration import fit_odometry_noise
 from locplan.recordings.figures import trajectory_figure
 from locplan.recordings.kernels import least_squares, trajectory as kernels
 from locplan.recordings.smoothing import load_or_smooth, smooth, with_ground_truth
-from locplan.recordings.trajectory import Jump
+from locplan.recordings.trajectory import OdometryJump
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -526,7 +526,7 @@ def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):
 def test_the_figure_marks_what_is_not_to_be_trusted(drive, found):
     doubts = found.doubts.copy()
     doubts[30:34] = 1
-    jump = Jump(30, "slip", *map(float, found.poses[30, :2]), 2.0, 0.1)
+    jump = OdometryJump(30, "slip", *map(float, found.poses[30, :2]), 2.0, 0.1)
     figure = trajectory_figure(replace(found, doubts=doubts, jumps=(jump,)))
     crosses = [each.get_xydata() for each in figure.axes[0].lines if each.get_marker() == "x"]
     np.testing.assert_array_equal(crosses[0], found.poses[30:34, :2])

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from locplan.recordings import Recording, read_recording
-from locplan.recordings.logs import Topics
+from locplan.recordings.logs import LogTopics
 
 KINDS = ("mcap", "sqlite3", "ros1")
 SCAN, TF = "sensor_msgs/msg/LaserScan", "tf2_msgs/msg/TFMessage"
@@ -174,6 +174,6 @@ def write_drive(folder: Path, drive: Recording, kind: str, packed: str = "") -> 
 
 def read_with(path, **options):
     """The drive in a log, with topics and frames among the options."""
-    names = [name for name in options if name in vars(Topics())]
-    topics = Topics(**{name: options.pop(name) for name in names})
+    names = [name for name in options if name in vars(LogTopics())]
+    topics = LogTopics(**{name: options.pop(name) for name in names})
     return read_recording(path, topics=topics, **options)

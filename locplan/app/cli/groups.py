@@ -307,12 +307,12 @@ def read_recording(file: Path, *, needs_poses: bool = True) -> Recording:
 
 def load_recording(file: Path, grid: OccupancyGrid, map_file: Path) -> Recording:
     """Return a recording with its ground truth; raise a LocplanError unless the map fits."""
-    from locplan.recordings.map_fit import check_place, fit_to_map
+    from locplan.recordings.map_fit import check_recording_on_map, fit_to_map
     from locplan.recordings.smoothing import with_ground_truth
 
     recording = read_recording(file)
     with show_spinner("comparing the scans with the map"):
-        check_place(recording, grid)
+        check_recording_on_map(recording, grid)
     with show_progress_bar("smoothing", "") as progress:
         recording = with_ground_truth(recording, grid, progress=progress)
     with show_spinner("comparing the scans with the map"):

@@ -81,7 +81,7 @@ def locate(
         Maximum number of places per scan.
     """
     from locplan.recordings.location import COUNT, WITHIN, LocatedDrive, locate_drive
-    from locplan.recordings.map_fit import check_place
+    from locplan.recordings.map_fit import check_recording_on_map
     from locplan.recordings.matching import ScanDatabase
 
     if recording is None:
@@ -98,8 +98,8 @@ def locate(
     scans = _select_scans(drive, scan, at, every or 1)
     with show_spinner("simulating scans all over the map"):
         database = ScanDatabase(grid, scans.lidar)
-        _ = database.everywhere
-        check_place(drive, grid, database=database)
+        _ = database.full_database
+        check_recording_on_map(drive, grid, database=database)
     with show_progress_bar("locating scans", "scans") as progress:
         result = locate_drive(
             scans,

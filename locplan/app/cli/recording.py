@@ -88,8 +88,8 @@ def recording(
         Shift of the poses after a turn about the map's origin.
     """
     from locplan.recordings.files import read_recording
-    from locplan.recordings.logs import Topics
-    from locplan.recordings.study import recording_output, study_recording
+    from locplan.recordings.logs import LogTopics
+    from locplan.recordings.study import make_recording_output, study_recording
 
     if start is not None and len(start) != 3:
         raise ConfigError("--start needs a heading; write X,Y,DEG")
@@ -97,8 +97,8 @@ def recording(
         reject_options("without a map", start=start)
     robot.check_recorded(is_replayed=False)
     if output.output:
-        recording_output(output.output, force=output.force)
-    topics = Topics(
+        make_recording_output(output.output, force=output.force)
+    topics = LogTopics(
         scan_topic=scan_topic,
         odom_topic=odom_topic,
         pose_topic=pose_topic,
