@@ -1,4 +1,4 @@
-"""Ambiguous places of a map, which one scan cannot tell from another place, and safe starts."""
+"""Ambiguous places of a map, where one scan fits several places, and safe starts."""
 
 from __future__ import annotations
 
@@ -30,27 +30,26 @@ from locplan.robots.robot import Robot
 SPACING = 1.6
 """Default distance between neighbouring places [m]."""
 HEADINGS = 8
-"""Number of headings at each place if what the lidar sees depends on the heading."""
+"""Number of headings at each place if the scan depends on the heading."""
 THRESHOLD = 3.0
-"""Excess up to which a pose is taken for another: a match mistakes one in ten such [nats]."""
+"""Maximum excess of an ambiguous place; matching confuses 10 % of such places [nats]."""
 STARTS, STARTS_APART = 3, 3.0
-"""Number of starts that are proposed, and the minimum distance between two of them [m]."""
+"""Maximum number of proposed starts, and minimum distance between them [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AmbiguousPlaces:
-    """The places of a map, and how well one scan tells each from all places more than 2 m away."""
+    """Ambiguity of the places of a map: how similar their scans are to scans over 2 m away."""
 
     places: Floats
     """World x and y of the places, (n, 2) [m]."""
     excess: Floats
-    """How much worse the best pose more than 2 m away explains the scan, (n,) [nats].
+    """Excess of the best pose over 2 m away, at the worst heading, (n,) [nats].
 
-    It is that of the worst heading, 0 where hardly a beam returns, and infinite without such a
-    pose.
+    0 with too few returns, infinite without such a pose.
     """
     elsewhere: Floats
-    """Share of the posterior more than 2 m away, the mean of the headings, (n,)."""
+    """Probability of poses over 2 m away, mean over headings, (n,)."""
     spacing: float
     """Distance between neighbouring places [m]."""
 
@@ -59,7 +58,7 @@ class AmbiguousPlaces:
 
     @property
     def is_ambiguous(self) -> Bools:
-        """True for each ambiguous place, one with an excess of up to 3 nats, (n,)."""
+        """Mask of the ambiguous places, with an excess of up to 3 nats, (n,)."""
         return np.asarray(self.excess <= THRESHOLD)
 
     @property
@@ -69,14 +68,14 @@ class AmbiguousPlaces:
 
     @property
     def starts(self) -> Floats:
-        """World x and y of up to three places to start the robot at, the safest first, (k, 2) [m].
+        """World x and y of up to three safe starts for the robot, the safest first, (k, 2) [m].
 
-        Neither they nor their neighbours are ambiguous, since a robot never stands quite where it
-        should. They are 3 m apart.
+        Neighbouring places are not ambiguous either, because the start of a robot is inaccurate.
+        Starts are at least 3 m apart.
         """
         from scipy.spatial import cKDTree
 
-        # Factor on the spacing of the places within which they are neighbours.
+        # Neighbours are within 1.6 times the spacing.
         near = cKDTree(self.places).query_ball_point(self.places, 1.6 * self.spacing)
         nearby_excess = np.array([self.excess[neighbours].min() for neighbours in near])
         nearby_elsewhere = np.array([self.elsewhere[neighbours].max() for neighbours in near])
@@ -90,7 +89,7 @@ class AmbiguousPlaces:
 
     @property
     def sentence(self) -> str:
-        """The share of ambiguous places, and where to start the robot, in a sentence."""
+        """Sentence for people: the share of ambiguous places, and safe starts."""
         share = f"{100 * self.share:.0f} % of the places are ambiguous to one scan"
         starts = [f"{x:.1f},{y:.1f}" for x, y in self.starts.tolist()]
         if not starts:
@@ -106,23 +105,23 @@ def find_ambiguous_places(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> AmbiguousPlaces:
-    """Find the places of a map that one scan cannot tell from another place.
+    """Find the places of a map where one scan fits several places.
 
-    The scan that the lidar would take at each place is compared with all places and turns, and the
-    best ones are refined on the map's likelihood field. This predicts failures of global matching
-    of single scans. It does not predict well where AMCL's own global localization fails, which
-    scatters particles and drives.
+    The expected scan at each place is compared with all places and turns, and the best poses are
+    refined on the map's likelihood field. The result predicts failures of global matching of single
+    scans. It does not predict failures of AMCL's global localization well, which scatters
+    particles while the robot drives.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     robot : Robot, optional
-        The robot with its lidar, by default one of 6 m that sees all round; its radius is the
-        distance that it keeps from walls.
+        The robot with its lidar, by default with a range of 6 m and a full field of view; its
+        radius is the minimum distance from walls.
     spacing : float, default 1.6
-        Distance between neighbouring places [m], at least a cell. A smaller one misses less, and
-        takes longer.
+        Distance between neighbouring places [m], at least a cell. A smaller spacing finds more
+        places and takes longer.
     threads : int, optional
         Number of threads, at least 1; all cores by default. The result does not depend on it.
     progress : callable, optional
@@ -131,12 +130,12 @@ def find_ambiguous_places(
     Returns
     -------
     AmbiguousPlaces
-        The places, the share that is ambiguous, and where to start the robot.
+        The places, their ambiguity, and safe starts.
 
     Raises
     ------
     LocplanError
-        If a value is out of its range, or the robot fits nowhere.
+        If a value is out of range, or the robot fits nowhere.
 
     Examples
     --------
@@ -179,9 +178,9 @@ def find_ambiguous_places(
 def _compare_elsewhere(
     database: RangeDatabase, ranges: Floats, home: Floats
 ) -> tuple[float, float]:
-    """Return the minimum excess of poses more than 2 m away, and their share of the posterior.
+    """Return the minimum excess of poses over 2 m away from `home`, and their probability.
 
-    The scan of a pose, x, y [cells] and heading on the map, is matched with the whole map.
+    The scan is matched with the whole map; `home` is x, y [cells] and heading on the map.
     """
     modes = ScanOnMap(database, ranges).find_modes(home)
     if modes.n_returns < MIN_RETURNS:
@@ -189,7 +188,7 @@ def _compare_elsewhere(
     distances = np.hypot(*(modes.poses[:, :2] - home[:2]).T) * database.grid.resolution
     turn = np.abs(wrap_angles(modes.poses[:, 2] - home[2]))
     home_modes = np.flatnonzero((distances < MODE_DISTANCE) & (turn < MODE_TURN))
-    if not home_modes.size:  # the robot does not fit quite there
+    if not home_modes.size:  # the robot does not fit exactly there
         return 0.0, 1.0
     excess = modes.losses - modes.losses[home_modes[0]]
     weights = np.exp(-(modes.losses - modes.losses.min()))

@@ -1,7 +1,7 @@
-"""The reader of bags of ROS 1 and ROS 2 (.bag, .db3, .mcap, or a folder of rosbag2).
+"""Reader of bags of ROS 1 and ROS 2 (.bag, .db3, .mcap, or a folder of rosbag2).
 
-Scans are read in a first pass, and all that relates them to the map in a second one. Poses that are
-reported rarely are carried by odometry to the scans in between.
+Scans are read in a first pass; transforms, poses and odometry in the following passes. Odometry
+carries rare poses to the scans in between.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from locplan._support.poses import (
 from locplan._support.progress import ProgressCallback
 from locplan._support.public import require_extra
 from locplan.errors import LocplanError, RecordingError
-from locplan.recordings.logs import ReadOptions, ScanRows, RecordingSource
+from locplan.recordings.logs import ReadOptions, RecordingSource, ScanRows
 from locplan.recordings.recording import Recording
 
 MAX_CHUNK_BYTES = 2**26
@@ -52,19 +52,19 @@ MENDERS = {".mcap": "mcap recover", ".db3": "sqlite3 FILE .recover", ".bag": "ro
 """The program that mends a damaged bag, by the suffix of the file."""
 SUFFIXES: tuple[str, ...] = (*MENDERS,)
 BASES = ("base_footprint", "base_link", "base")
-"""Usual names of a robot's frame, after a prefix; that of odometry is odom."""
+"""Usual names of a robot's frame, without a prefix."""
 
 
 def read_bag(
     path: Path, options: ReadOptions, progress: ProgressCallback | None = None
 ) -> Recording:
-    """Read a drive from a bag; only the topics that are needed are decoded.
+    """Read a recorded drive from a bag.
 
     Raises
     ------
     RecordingError
-        If the bag is damaged, has no scans or poses, its frames are not connected, or its clock
-        runs backwards.
+        If the bag is damaged, has no scans or poses, has unconnected frames, or its clock runs
+        backwards.
     """
     with _open_bag(path) as bag:
         topic = _choose_scan_topic(bag, options.scan_topic)
@@ -99,7 +99,7 @@ def read_bag(
 
 
 def _choose_scan_topic(bag: BagReader, requested_topic: str | None) -> str:
-    """The topic of the scans: the one that is named, or the only one."""
+    """Return the requested topic of scans, or the only one."""
     topics = bag.find_topics(MessageType.SCAN)
     if requested_topic is not None:
         if requested_topic in topics:
@@ -122,22 +122,22 @@ def _choose_scan_topic(bag: BagReader, requested_topic: str | None) -> str:
 
 @dataclass(frozen=True)
 class _BagScans:
-    """The scans of a bag, and in what order of their stamps they were logged."""
+    """The scans of a bag, sorted by their stamps."""
 
     rows: ScanRows
     order: Sequence[int]
     """Index of the row of each time."""
     times: Sequence[float]
-    """Times of the stamps, ascending [s]."""
+    """Stamps, ascending [s]."""
     frame: str
     stamps_back: int
-    """Number of scans with stamps before that of one that was logged earlier."""
+    """Number of scans with a stamp before the stamp of an earlier scan in the log."""
 
 
 def _compute_log_window(
     bag: BagReader, options: ReadOptions, margin: float = 0.0
 ) -> tuple[int | None, int | None]:
-    """Times of the log between which messages are read [ns], with a margin around them [s]."""
+    """Compute the log times to read between [ns], with a margin [s]; None without a window."""
     if options.window is None:
         return None, None
     (start, end), around = options.window, round(margin * 1e9)
@@ -147,13 +147,14 @@ def _compute_log_window(
 def _read_scans(
     bag: BagReader, topic: str, options: ReadOptions, progress: ProgressCallback | None
 ) -> _BagScans:
+    """Read the scans of a topic, sorted by their stamps."""
     rows, stamps, frame = ScanRows(options.range_limits), list[float](), ""
     latest, stamps_back = -np.inf, 0
     window = _compute_log_window(bag, options)
     for message in bag.read_messages([topic], *window, options.every, progress):
         scan = message.content
         stamp = _convert_stamp(scan.header.stamp, message.logged)
-        if stamp < latest - 0.5:  # messages overtake each other, but not by as much
+        if stamp < latest - 0.5:  # messages may be out of order, but not by this much
             raise RecordingError(
                 f"the clock of {topic} runs backwards by {latest - stamp:.3g} s at"
                 f" {(message.logged - bag.start) / 1e9:.3g} s; was simulated time reset? In"
@@ -179,7 +180,7 @@ def _collect_poses(
     scans: _BagScans,
     progress: ProgressCallback | None,
 ) -> BagPoses:
-    """Transforms, poses and odometry near the times of the scans."""
+    """Read transforms, poses and odometry around the times of the scans."""
     window = _compute_log_window(bag, options, 5.0)
     topics = _find_pose_topics(bag, options)
     topic_list = bag.describe_topics()
@@ -189,11 +190,11 @@ def _collect_poses(
     bag_poses = BagPoses(FrameTree([]), scans.times, scans.frame, options, topic_list)
     for message in bag.read_messages(poses, *window, progress=progress):
         _add_pose(message, poses, bag_poses, scans.times)
-    # The poses of AMCL are few: they need odometry at their own times, too.
+    # The poses of AMCL are rare, so that odometry is needed at their times as well.
     samples = [
-        np.concatenate([part[:, 0] for part in topic_name.track.samples()])
-        for topic_name in bag_poses.topics.values()
-        if topic_name.kind == MessageType.POSE_WITH_COVARIANCE
+        np.concatenate([part[:, 0] for part in pose_topic.track.samples()])
+        for pose_topic in bag_poses.topics.values()
+        if pose_topic.kind == MessageType.POSE_WITH_COVARIANCE
     ]
     knots = np.unique(np.concatenate([scans.times, *samples]))
     times = knots[np.isfinite(knots)].tolist()
@@ -202,11 +203,11 @@ def _collect_poses(
     of_tf = _select_in_namespace(bag.find_topics(MessageType.TF), topic)
     static = [topic_name for topic_name in of_tf if topic_name.endswith("tf_static")]
     for message in bag.read_messages(static):
-        for topic_name in message.content.transforms:
+        for transform in message.content.transforms:
             tree.add_static(
-                topic_name.header.frame_id,
-                topic_name.child_frame_id,
-                _make_transform(topic_name.transform),
+                transform.header.frame_id,
+                transform.child_frame_id,
+                _make_transform(transform.transform),
             )
     odometry_topics = topics.keys() - poses.keys()
     topics = {
@@ -218,12 +219,10 @@ def _collect_poses(
         if topics[message.topic] != MessageType.TF:
             _add_pose(message, topics, bag_poses, times)
             continue
-        for topic_name in message.content.transforms:
-            time, pose = (
-                _convert_stamp(topic_name.header.stamp, message.logged),
-                _make_transform(topic_name.transform),
-            )
-            tree.add(time, topic_name.header.frame_id, topic_name.child_frame_id, pose)
+        for transform in message.content.transforms:
+            time = _convert_stamp(transform.header.stamp, message.logged)
+            pose = _make_transform(transform.transform)
+            tree.add(time, transform.header.frame_id, transform.child_frame_id, pose)
         count += 1
         if count % 500 == 0:
             bag_poses.drop_unrelated_frames()
@@ -233,7 +232,7 @@ def _collect_poses(
 def _add_pose(
     message: BagMessage, topics: dict[str, str], bag_poses: BagPoses, times: Sequence[float]
 ) -> None:
-    """Take a pose of a topic, of the type that is named for it."""
+    """Add the pose of a message, decoded by the type of its topic."""
     content, kind = message.content, topics[message.topic]
     if message.topic not in bag_poses.topics:
         child = frame_name(content.child_frame_id) if kind == MessageType.ODOMETRY else ""
@@ -250,7 +249,7 @@ def _add_pose(
 
 
 def _find_pose_topics(bag: BagReader, options: ReadOptions) -> dict[str, str]:
-    """Topics of poses and odometry that may be needed, and their types."""
+    """Find the topics of poses and odometry to read, with their types."""
     topics: dict[str, str] = {}
     for kind in (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE, MessageType.ODOMETRY):
         topics |= {
@@ -269,6 +268,7 @@ def _find_pose_topics(bag: BagReader, options: ReadOptions) -> dict[str, str]:
 
 
 def _is_wanted_topic(topic: str, kind: str, options: ReadOptions) -> bool:
+    """Return True if a topic is requested, or of a needed type without a request."""
     if topic in (options.pose_topic, options.odom_topic):
         return True
     if kind == MessageType.ODOMETRY:
@@ -278,7 +278,7 @@ def _is_wanted_topic(topic: str, kind: str, options: ReadOptions) -> bool:
 
 
 def _select_in_namespace(topics: Sequence[str], scan_topic: str) -> list[str]:
-    """Of the TF topics of several robots those in the namespace of the scans; else all.
+    """Select the TF topics in the namespace of the scans, or all if there are none.
 
     Examples
     --------
@@ -294,18 +294,18 @@ def _select_in_namespace(topics: Sequence[str], scan_topic: str) -> list[str]:
 
 
 def _convert_stamp(stamp: Any, logged: int) -> float:
-    """Time of a stamp, or where it is zero that of the log [s]."""
+    """Return the time of a stamp, or the log's time for a zero stamp [s]."""
     total = stamp.sec + 1e-9 * stamp.nanosec
     return float(total) if total else logged * 1e-9
 
 
 def _make_transform(message: Any) -> Transform:
-    """A transform of a geometry_msgs/Transform."""
+    """Convert a geometry_msgs/Transform."""
     return _join_transform(message.translation, message.rotation)
 
 
 def _join_transform(position: Any, quaternion: Any) -> Transform:
-    """A transform of a position and a quaternion."""
+    """Combine a position and a quaternion into a transform."""
     return (
         position.x,
         position.y,
@@ -318,13 +318,13 @@ def _join_transform(position: Any, quaternion: Any) -> Transform:
 
 
 class PoseTopic(NamedTuple):
-    """A topic of poses: of what type, in which frame, of which frame if it says so."""
+    """A topic of poses: message type, frame, child frame (or empty), and samples."""
 
     kind: str
     frame: str
     child: str
     track: Track
-    speeds: Track  # ahead by odometry, as x of transforms, which are interpolated alike
+    speeds: Track  # forward speeds by odometry, stored as x of transforms
 
 
 @dataclass(frozen=True)
@@ -332,18 +332,18 @@ class ScanPoses:
     """Poses of the robot at the scans, and the mount of its lidar."""
 
     poses: Floats
-    """(n, 3) in the map's frame; NaN where unknown [m, m, rad]."""
+    """Poses in the map's frame, (n, 3) [m, m, rad]; NaN if unknown."""
     odometry: Floats | None
     speeds: Floats | None
-    """Speeds ahead by odometry, (n,) [m/s]; NaN where unknown."""
+    """Forward speeds by odometry, (n,) [m/s]; NaN if unknown."""
     mount: tuple[float, float, float]
     upside_down: bool
     source: RecordingSource
-    """Where all of it comes from."""
+    """Topics and frames of the poses."""
 
     @property
     def has_pose(self) -> NDArray[np.bool_]:
-        """Mask of the scans with a pose, and odometry if there is any; all without any pose."""
+        """Mask of scans with a pose, and odometry if the bag has it; all if no scan has a pose."""
         is_finite = np.isfinite(self.poses).all(1)
         if not is_finite.any():
             return np.ones(len(self.poses), np.bool_)
@@ -354,18 +354,18 @@ class ScanPoses:
 
 @dataclass(frozen=True)
 class BagPoses:
-    """What a bag says about places: transforms, and topics of poses."""
+    """The transforms and the topics of poses of a bag."""
 
     tree: FrameTree
     times: Sequence[float]
-    """Times of the scans [s], all of them among the times of the tree."""
+    """Times of the scans [s], a subset of the times of the tree."""
     lidar_frame: str
     options: ReadOptions
     topic_list: str
     """All topics and types, for error messages."""
     topics: dict[str, PoseTopic] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    """What was assumed or left out."""
+    """Assumptions and dropped data."""
 
     @cached_property
     def at_scans(self) -> NDArray[np.int64]:
@@ -374,11 +374,11 @@ class BagPoses:
 
     @property
     def map_frame(self) -> str:
-        """Frame of the poses that is asked for, without a leading slash."""
+        """Requested frame of the poses, without a leading slash."""
         return self.options.map_frame.lstrip("/")
 
     def find_odometry_topics(self) -> dict[str, PoseTopic]:
-        """The topics of odometry."""
+        """Return the topics of odometry by name."""
         return {
             name: pose_topic
             for name, pose_topic in self.topics.items()
@@ -386,12 +386,12 @@ class BagPoses:
         }
 
     def find_scan_poses(self) -> ScanPoses:
-        """Find poses, odometry and the lidar's mount in what the bag says.
+        """Compute poses and odometry at the scans, and the lidar's mount.
 
         Raises
         ------
         RecordingError
-            If there are no poses, frames are not connected, or the lidar is tilted or moves.
+            If there are no poses, frames are unconnected, or the lidar is tilted or moves.
         """
         for topic in (self.options.pose_topic, self.options.odom_topic):
             if topic is not None and topic not in self.topics:
@@ -432,7 +432,7 @@ class BagPoses:
         return ScanPoses(poses, odometry, speeds, mount, upside_down, source)
 
     def _find_speeds(self, odometry_from: str) -> Floats | None:
-        """Speeds ahead at the scans, of the topic of odometry; None if there are several, or 0."""
+        """Find forward speeds at the scans; None with several odometry topics, or if all are 0."""
         topics = self.find_odometry_topics()
         if len(topics) != 1 and odometry_from not in topics:
             return None
@@ -441,7 +441,7 @@ class BagPoses:
         return speeds if np.nan_to_num(speeds).any() else None
 
     def drop_unrelated_frames(self) -> None:
-        """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""
+        """Drop unneeded transforms once TF connects the map with the lidar."""
         tree = self.tree
         if tree.has_chain(self.map_frame, self.lidar_frame):
             robot_frames = {
@@ -451,7 +451,7 @@ class BagPoses:
             tree.drop_unrelated_tracks(self.map_frame, {self.lidar_frame, base, *robot_frames})
 
     def _choose_base_frame(self) -> str:
-        """Frame of the robot: the one that is named, that of odometry, or one of a usual name."""
+        """Return the requested frame of the robot, the child of odometry, or a usual name."""
         frames = self.tree.frames
         if self.options.base_frame is not None:
             base = self.options.base_frame.lstrip("/")
@@ -485,7 +485,7 @@ class BagPoses:
         return reported[0] if reported else BASES[1]
 
     def _find_mount(self, base: str) -> tuple[tuple[float, float, float], bool]:
-        """Pose of the lidar on the robot [m, m, rad], and whether it is upside down."""
+        """Find the lidar's pose on the robot [m, m, rad], and whether it is upside down."""
         lidar = self.lidar_frame
         if self.options.mount is not None:
             return self.options.mount, False
@@ -521,9 +521,9 @@ class BagPoses:
     def _find_poses(
         self, base: str, reported: Floats | None, odometry_from: str
     ) -> tuple[Floats, str, str]:
-        """Poses of the robot at the scans, where they come from, and the frame they are in.
+        """Return the robot's poses at the scans, their source, and their frame.
 
-        Without poses on the map they are those of odometry; or NaN, if none are needed.
+        Without poses on the map, return poses by odometry, or NaN if no poses are needed.
         """
         tree, frame, topic = self.tree, self.map_frame, self.options.pose_topic
         if topic is None:
@@ -561,7 +561,7 @@ class BagPoses:
         return poses, topic, pose_topic.frame
 
     def _choose_pose_topic(self) -> str | None:
-        """The only topic of poses, of the type that tells most; None without any."""
+        """Return the only topic of poses of the best available type; None without any."""
         for kind in (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE, MessageType.ODOMETRY):
             topics = [
                 name
@@ -578,7 +578,7 @@ class BagPoses:
         return None
 
     def _make_no_poses_error(self, base: str) -> RecordingError:
-        """Return the error of a bag that has neither poses nor one odometry."""
+        """Return the error for a bag that has neither poses nor a single odometry."""
         several = [*self.find_odometry_topics()]
         other = f", or one odometry with odom_topic={several[0]!r}" if several else ""
         if not self.tree.frames:
@@ -592,7 +592,7 @@ class BagPoses:
         )
 
     def _find_odometry(self, base: str) -> tuple[Floats | None, str]:
-        """Odometry at all times of the tree, if there is some that is not the poses themselves."""
+        """Find odometry at all times of the tree, separate from the poses, and its source."""
         requested_topic, of_poses = self.options.odom_topic, self.options.pose_topic
         topics = [
             name
@@ -601,11 +601,7 @@ class BagPoses:
         ]
         if requested_topic is None:
             frames = [self.topics[name].frame for name in topics]
-            frames += [
-                pose_topic
-                for pose_topic in self.tree.frames
-                if pose_topic.rpartition("/")[2] == "odom"
-            ]
+            frames += [frame for frame in self.tree.frames if frame.rpartition("/")[2] == "odom"]
             for frame in frames:
                 pose = self.tree.pose(frame, base) if frame != base else None
                 if pose is not None:
@@ -623,9 +619,9 @@ class BagPoses:
 def _carry_poses(
     times: Sequence[float], track: Track, reported_at: Sequence[float], reported: Floats
 ) -> Floats:
-    """Poses at n times that odometry carries there from the samples before and after.
+    """Compute poses at n times by odometry from the samples before and after.
 
-    AMCL tells a pose only once the robot has moved on; between two of them it may have turned back.
+    AMCL publishes a pose only after some motion, so interpolation alone would miss turns.
 
     Parameters
     ----------
@@ -634,14 +630,14 @@ def _carry_poses(
     track : Track
         Samples of the pose.
     reported_at : sequence of m floats
-        Times of the odometry, those of the samples among them [s].
+        Times of the odometry, including the times of the samples [s].
     reported : (m, 3) array
-        Poses by odometry, NaN where unknown.
+        Poses by odometry, NaN if unknown.
 
     Returns
     -------
     (n, 3) array
-        NaN where a scan is over 1 m of odometry from both samples.
+        The poses; NaN if a scan is over 1 m of odometry away from both samples.
     """
     at, knots = np.asarray(times), np.asarray(reported_at)
     now = reported[np.searchsorted(knots, at)]
@@ -652,7 +648,7 @@ def _carry_poses(
         way = compute_motions(reported[index], now)
         near = np.isfinite(then) & (np.hypot(way[:, 0], way[:, 1]) < 1.0)
         guesses.append(apply_motions(project_to_plane(samples[:, 1:]), way))
-        # The nearer sample in time counts for more; one that is too far for nothing.
+        # The sample nearer in time has more weight; a distant sample has none.
         weights.append(np.where(near, 1.0 / np.maximum(np.abs(at - then), 1e-9), 0.0))
     (earlier, later), (first, second) = guesses, weights
     earlier, later = (
@@ -668,7 +664,7 @@ def _carry_poses(
 
 
 class MessageType(StrEnum):
-    """Types of messages."""
+    """Message types that are read."""
 
     SCAN = "sensor_msgs/msg/LaserScan"
     TF = "tf2_msgs/msg/TFMessage"
@@ -678,7 +674,7 @@ class MessageType(StrEnum):
 
 
 class BagMessage(NamedTuple):
-    """A message: its topic, time of the log [ns], and content."""
+    """A decoded message: topic, log time [ns], and content."""
 
     topic: str
     logged: int
@@ -686,18 +682,18 @@ class BagMessage(NamedTuple):
 
 
 class BagReader:
-    """A bag that is open for reading; made by `_opened`."""
+    """An open bag; use `_open_bag` to open one."""
 
     def __init__(self, reader: Any, typestore: Any, ros1: bool) -> None:
         self._reader, self._typestore, self._ros1 = reader, typestore, ros1
 
     @property
     def start(self) -> int:
-        """Time of the log of the first message [ns]."""
+        """Log time of the first message [ns]."""
         return int(self._reader.start_time)
 
     def find_topics(self, *types: str) -> list[str]:
-        """Names of the topics of these types that have messages."""
+        """Return the names of all topics of these types."""
         connections = (
             connection
             for connection in self._reader.connections
@@ -706,7 +702,7 @@ class BagReader:
         return list(dict.fromkeys(connection.topic for connection in connections))
 
     def count_messages(self, topics: Collection[str]) -> int:
-        """Number of the messages of some topics."""
+        """Count the messages of some topics."""
         return sum(
             connection.msgcount
             for connection in self._reader.connections
@@ -721,9 +717,9 @@ class BagReader:
         step: int = 1,
         progress: ProgressCallback | None = None,
     ) -> Iterator[BagMessage]:
-        """Every n-th message of some topics, in the order of the log, within times of it [ns].
+        """Yield every n-th message of some topics in the order of the log, between log times [ns].
 
-        Only these are decoded, one at a time.
+        Messages are decoded one at a time.
         """
         connections = [
             topic_connection
@@ -743,13 +739,13 @@ class BagReader:
             progress(total, total)
 
     def _decode(self, connection: Any, logged: int, raw: bytes) -> BagMessage:
-        """A message that was read."""
+        """Decode a raw message."""
         store = self._typestore
         decode = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
         return BagMessage(connection.topic, logged, decode(raw, _get_message_type(connection)))
 
     def describe_topics(self) -> str:
-        """The topics and their types, for an error message."""
+        """Return a text with all topics and their types, for error messages."""
         connections = self._reader.connections
         names = {
             f"{connection.topic} ({_get_message_type(connection).replace('/msg/', '/')})"
@@ -759,7 +755,7 @@ class BagReader:
 
 
 def _get_message_type(connection: Any) -> str:
-    """Type of a topic's messages, or the newer one of the same layout."""
+    """Return the type of a topic's messages; an old type becomes the new type of equal layout."""
     kind = str(connection.msgtype)
     return MessageType.TF if kind == "tf/msg/tfMessage" else kind
 
@@ -768,7 +764,7 @@ def _get_message_type(connection: Any) -> str:
 def _open_bag(path: Path) -> Iterator[BagReader]:
     """Open a bag: a file .mcap, .db3 or .bag, or a folder of rosbag2.
 
-    Whatever goes wrong while it is read becomes a RecordingError of one line.
+    Any error while reading becomes a RecordingError of one line.
 
     Raises
     ------
@@ -794,7 +790,7 @@ def _open_bag(path: Path) -> Iterator[BagReader]:
             reader: Any = Reader1(file) if ros1 else Reader2(file)
             reader.open()
         with closing(reader):
-            # These types are alike in all distributions: those that the bag holds are not needed.
+            # These types are equal in all distributions, so definitions in the bag are not needed.
             store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
             if ros1:  # its TFMessage is missing
                 transforms = "geometry_msgs/TransformStamped[] transforms"
@@ -802,7 +798,7 @@ def _open_bag(path: Path) -> Iterator[BagReader]:
             yield BagReader(reader, store, ros1)
     except LocplanError:
         raise
-    except Exception as error:  # rosbags lets errors of many kinds out where a bag is damaged
+    except Exception as error:  # rosbags raises many kinds of errors for damaged bags
         lines = str(error).strip().splitlines() or [type(error).__name__]
         reason = lines[0].replace(f"{str(file)!r} ", "").replace(str(file), "it").rstrip(".")[:200]
         mender = MENDERS.get(file.suffix)
@@ -811,7 +807,7 @@ def _open_bag(path: Path) -> Iterator[BagReader]:
 
 
 def _find_storage(path: Path) -> Path:
-    """The file or folder that is read: a folder without metadata.yaml stands for its only file."""
+    """Return the file or folder to read; for a folder without metadata.yaml, its only file."""
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return path
     files = sorted(
@@ -825,14 +821,14 @@ def _find_storage(path: Path) -> Path:
 
 @cache
 def _bound_unpacking(ros1: Any, ros2: Any, mcap: Any) -> None:
-    """Put bounds on the functions by which these modules of rosbags unpack, which have none."""
+    """Replace the unpacking functions of these modules of rosbags by functions with size limits."""
     from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
     lz4 = partial(_decompress, LZ4FrameDecompressor)
     ros1.decompressors.update(bz2=partial(_decompress, BZ2Decompressor), lz4=lz4)
     mcap.DECOMPRESSORS["lz4"] = lz4
     zstd: Any = getattr(ros2, "zstd", None)
-    if zstd is not None:  # older ones unpack no more than a chunk says of itself
+    if zstd is not None:  # older versions limit the size themselves
         unpacked = partial(_decompress, zstd.ZstdDecompressor)
         mcap.DECOMPRESSORS["zstd"] = unpacked
         bounded_open = partial(_open_bounded, zstd.open)
@@ -840,7 +836,7 @@ def _bound_unpacking(ros1: Any, ros2: Any, mcap: Any) -> None:
 
 
 def _decompress(kind: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:
-    """Content of a chunk, which may consist of several frames."""
+    """Unpack a chunk of one or more frames, up to the maximum size."""
     parts, room = list[bytes](), MAX_CHUNK_BYTES
     while packed:
         frame = kind()
@@ -856,7 +852,7 @@ def _decompress(kind: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:
 
 @contextmanager
 def _open_bounded(unpack: Callable[..., Any], file: BufferedReader, mode: str) -> Iterator[Any]:
-    """A packed file that is open for reading, up to its greatest size."""
+    """Open a packed file for reading, up to the maximum size."""
     left = MAX_RATIO * os.fstat(file.fileno()).st_size
 
     def read(count: int) -> bytes:

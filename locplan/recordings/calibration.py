@@ -1,4 +1,4 @@
-"""The noise of a recorded drive: odometry against the ground truth, ranges against the walls."""
+"""Calibration of a robot's noise from a recorded drive: odometry errors and range errors."""
 
 from __future__ import annotations
 
@@ -34,35 +34,35 @@ from locplan.robots.parts import FARTHEST_OBJECT, NEAREST_OBJECT
 from locplan.robots.robot import Robot
 
 SPANS, SMOOTHED_SPANS = (0.5, 1.0, 2.0, 4.0), (4.0, 8.0)
-"""Lengths of the stretches over which odometry is compared with the poses [m]. Errors of the poses
-do not grow with them, those of odometry do. Smoothed poses follow odometry over short ones."""
+"""Lengths of the stretches over which odometry is compared with the poses [m]. Errors of odometry
+grow with the length, errors of the poses do not. Smoothed poses follow odometry over short ones."""
 MIN_STRETCHES, SMOOTHED_MIN_STRETCHES = 30, 60
-"""Numbers of stretches below which the drifts are hardly known: drives of some 10 m, and of some
-150 m with smoothed poses, where that of the distance may vanish in 100 m."""
+"""Minimum number of stretches to estimate drifts: drives of about 10 m, or 150 m with smoothed
+poses, because their distance drift may vanish within 100 m."""
 MIN_UPDATES = 40
-"""Number of the filter's updates below which odometry is not calibrated."""
+"""Minimum number of filter updates to calibrate odometry."""
 TURN = 0.2
-"""Turn that is one: the noise of many small ones would add up [rad]."""
+"""Minimum turn that is added up; the noise of many smaller turns would add up as well [rad]."""
 RESAMPLES = 100
-"""Number of resamples of blocks."""
+"""Number of bootstrap resamples of blocks."""
 
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """Noise of odometry with 95 % intervals over blocks of the drive of 4 m, of smoothed poses 8 m.
+    """Noise of odometry with 95 % intervals over blocks of 4 m, or 8 m with smoothed poses.
 
-    Drifts and biases are those of `locplan.robots.Odometry`. A bias is that of this drive:
-    its size stands for the deviation from drive to drive.
+    Drifts and biases are defined in `locplan.robots.Odometry`. A bias belongs to this drive; its
+    size estimates the standard deviation between drives.
     """
 
     alpha1: Interval
-    """Variance of a turn per square of the turn [1]."""
+    """Variance of a turn per squared turn [1]."""
     alpha2: Interval
-    """Variance of a turn per square of the distance driven in an update [rad^2 / m^2]."""
+    """Variance of a turn per squared distance of an update [rad^2 / m^2]."""
     alpha3: Interval
-    """Variance of the distance per square of the distance [1]."""
+    """Variance of a distance per squared distance [1]."""
     alpha4: Interval
-    """Variance of the distance per square of the turn [m^2 / rad^2]."""
+    """Variance of a distance per squared turn [m^2 / rad^2]."""
     distance_drift: Interval
     """Standard deviation of the reported distance after 1 m [m]."""
     heading_drift_deg: Interval
@@ -70,29 +70,29 @@ class OdometryNoise:
     turn_drift_deg: Interval
     """Standard deviation of the reported heading after a turn of 1 rad [deg]."""
     distance_bias: Interval
-    """Reported distances over true ones, minus 1."""
+    """Ratio of reported to true distances, minus 1."""
     heading_bias_deg: Interval
-    """Reported bend to one side [deg/m]."""
+    """Reported curvature of straight paths [deg/m]."""
     turn_bias: Interval
-    """Reported turns over true ones, minus 1."""
+    """Ratio of reported to true turns, minus 1."""
     position_noise: Interval
     """Standard deviation of a recorded pose's position [m]."""
     heading_noise_deg: Interval
     """Standard deviation of a recorded pose's heading [deg]."""
     turned: float
-    """Sum of the robot's turns of 0.2 rad and more [rad]."""
+    """Sum of the robot's turns of at least 0.2 rad [rad]."""
     updates: int
-    """Number of the filter's updates, between which the increments were compared."""
+    """Number of filter updates, between which odometry was compared."""
     long_enough: bool
-    """Whether the drive tells the drifts."""
+    """True if the drive is long enough to estimate drifts."""
     notes: tuple[str, ...]
-    """What limits the fit, in sentences without a full stop."""
+    """Limits of the fit, as sentences without a full stop."""
 
     def settings(self) -> dict[str, float]:
-        """The drifts, and the sizes of the biases, by their names in `locplan.robots.Odometry`.
+        """Return the drifts and the sizes of the biases, by their names in `Odometry`.
 
-        Where the robot turned little, the drifts of heading and turns are hardly known, and where
-        it drove little, no drifts are.
+        Drifts are omitted after short drives. Drifts of heading and turns are also omitted if the
+        robot turned little.
         """
         names = ["distance_bias", "heading_bias_deg"]
         names += ["distance_drift"] if self.long_enough else []
@@ -105,20 +105,20 @@ class OdometryNoise:
 def fit_odometry_noise(
     recording: Recording, amcl: Amcl, faulty_steps: Bools | None = None
 ) -> OdometryNoise | None:
-    """Fit the noise of odometry by maximum likelihood; None where the drive is too short.
+    """Fit the noise of odometry by maximum likelihood; None if the drive is too short.
 
-    Drifts and biases are fitted to stretches of several lengths at once, which tells them from the
-    constant noise of the poses. The alphas are fitted to the increments between the updates of this
-    filter, for which they hold, with the noise that the poses surely have.
+    Drifts and biases are fitted to stretches of several lengths, which separates them from the
+    constant noise of the poses. The alphas are fitted to the increments between filter updates,
+    with the lower bound of the poses' noise.
 
     Parameters
     ----------
     recording : Recording
         The drive.
     amcl : Amcl
-        The filter, between whose updates odometry is compared with the poses.
+        The filter; odometry is compared with the poses between its updates.
     faulty_steps : (scans - 1,) array of bool, optional
-        Mask of the steps that are left out, as `find_recording_faults` finds them.
+        Mask of the steps to ignore, from `find_recording_faults`.
     """
     if recording.odometry is None:
         return None
@@ -133,7 +133,7 @@ def fit_odometry_noise(
     blocks = assign_blocks(poses, spans[-1])
     increments = _OdometryIncrements.from_drive(poses[updates], odometry[updates])
     drifts = bootstrap_statistics(stretches.fit_drifts, blocks[stretches.begin], RESAMPLES)
-    # The noise that the poses surely have: a small one is hardly apart from odometry's.
+    # The lower bound of the poses' noise, because small noise cannot be separated from odometry's.
     position, heading = np.nan_to_num(
         [noise_estimate.low for noise_estimate in drifts[-2:]]
     ).tolist()
@@ -170,6 +170,7 @@ def _describe_limits(
     pose_noise: tuple[float, float],
     total_turn: float,
 ) -> list[str]:
+    """Return notes on the limits of the fit of the alphas."""
     notes = []
     if increments.is_outweighed(alphas, *pose_noise):
         notes.append(
@@ -193,40 +194,40 @@ def _describe_limits(
 def _compute_relative_poses(
     poses: Floats, begin: NDArray[np.int64], end: NDArray[np.int64]
 ) -> Floats:
-    """Poses at the end as seen from those at the begin, (n, 3) [m, m, rad]."""
+    """Compute end poses relative to begin poses, (n, 3) [m, m, rad]."""
     ways = compute_motions(poses[begin], poses[end])
     return np.column_stack([ways[:, :2], wrap_angles(ways[:, 2])])
 
 
 @dataclass(frozen=True, eq=False)
 class _DriveStretches:
-    """Stretches of a drive of some lengths, and what odometry says of them."""
+    """Stretches of a drive, with the errors of odometry along them."""
 
     begin: NDArray[np.int64]
     way: Floats
-    """Length of the way [m]."""
+    """Length of the path [m]."""
     turn_sum: Floats
-    """Sum of turns [rad]."""
+    """Sum of absolute turns [rad]."""
     chord: Floats
-    """Distance from the begin to the end [m]."""
+    """Distance from begin to end [m]."""
     turn: Floats
-    """Turn from the begin to the end [rad]."""
+    """Turn from begin to end [rad]."""
     chord_error: Floats
-    """Reported chord minus the true one, along it [m]; NaN where the way is not straight."""
+    """Reported minus true chord, along the true chord [m]; NaN if the path is not straight."""
     turn_error: Floats
-    """Reported turn minus the true one [rad]."""
+    """Reported minus true turn [rad]."""
 
     @classmethod
     def from_drive(
         cls, poses: Floats, odometry: Floats, spans: tuple[float, ...]
     ) -> _DriveStretches:
-        """Stretches of each length [m], one after the other."""
+        """Divide a drive into stretches of each length [m]."""
         turns = np.abs(wrap_angles(np.diff(odometry[:, 2])))
         way, turn_sums = (
             compute_travel_distances(odometry),
             np.concatenate([[0.0], np.cumsum(turns)]),
         )
-        progress = way + 0.3 * turn_sums  # a turn of 1 rad counts as 0.3 m of way
+        progress = way + 0.3 * turn_sums  # a turn of 1 rad counts as 0.3 m
         begins, ends = [], []
         for span in spans:
             marks = np.searchsorted(progress, np.arange(0.0, progress[-1], span))
@@ -239,9 +240,8 @@ class _DriveStretches:
             _compute_relative_poses(odometry, begin, end),
         )
         chord = np.hypot(true[:, 0], true[:, 1])
-        reported_chord = np.hypot(
-            reported[:, 0], reported[:, 1]
-        )  # noise of the poses chooses no stretches
+        # Select straight stretches by odometry, so that the poses' noise does not select them.
+        reported_chord = np.hypot(reported[:, 0], reported[:, 1])
         along = (reported[:, :2] * true[:, :2]).sum(axis=1) / np.maximum(chord, TINY)
         long = way[end] - way[begin]
         straight = (reported_chord > 0.9 * long) & (reported_chord > spans[0] / 2)
@@ -256,7 +256,7 @@ class _DriveStretches:
         )
 
     def fit_drifts(self, weights: Floats) -> Floats:
-        """Drifts, biases, and the noise of the poses, in the order of `OdometryNoise`, (8,)."""
+        """Fit drifts, biases, and the poses' noise, in the order of `OdometryNoise`, (8,)."""
         is_straight = np.isfinite(self.chord_error)
         ones = np.ones(len(self.way))
         (scale,), (distance, at) = _fit_regression(
@@ -289,20 +289,20 @@ class _DriveStretches:
 class _OdometryIncrements:
     """Increments of odometry between updates: turns and distances of AMCL's differential model.
 
-    Its turn before the way and that after it are taken together: each by itself depends on the
-    direction of ways of a few centimetres, which no poses tell.
+    The turns before and after the translation are added, because poses are too noisy to measure
+    the direction of a translation of a few centimetres.
     """
 
     features: Floats
-    """What the variances of turns and of distances are made of, (2, n, 4)."""
+    """Regressors of the variances of turns and distances by odometry, (2, n, 4)."""
     poses: Floats
-    """What the variances of positions and headings add to those, (2, n, 2)."""
+    """Regressors of the same variances by the poses' noise, (2, n, 2)."""
     residuals: Floats
-    """Reported minus true ones, (2, n) [rad, m]."""
+    """Reported minus true turns and distances, (2, n) [rad, m]."""
 
     @classmethod
     def from_drive(cls, poses: Floats, odometry: Floats) -> _OdometryIncrements:
-        """Increments from each pose to the next."""
+        """Compute the increments from each pose to the next."""
         from locplan._support.kernels.particles import STILL
 
         begin = np.arange(len(poses) - 1)
@@ -312,7 +312,7 @@ class _OdometryIncrements:
         )
         way = np.hypot(reported[:, 0], reported[:, 1])
         first = np.where(way >= STILL, np.arctan2(reported[:, 1], reported[:, 0]), 0.0)
-        # The true end in the direction of the reported way.
+        # The true end, projected on the direction of the reported motion.
         ahead = np.cos(first) * true[:, 0] + np.sin(first) * true[:, 1]
         second, turn = reported[:, 2] - first, wrap_angles(true[:, 2] - reported[:, 2])
         turn_squares = sum(
@@ -332,19 +332,19 @@ class _OdometryIncrements:
         )
 
     def fit_alphas(self, weights: Floats, position: float, heading: float) -> Floats:
-        """The alphas, (4,), with poses that have noise of their own [m, rad]."""
+        """Fit the alphas, (4,), given the poses' noise of position [m] and heading [rad]."""
         fixed = (self.poses @ np.array([position**2, heading**2])).ravel()
         features, stacked_weights = self.features.reshape(-1, 4), np.tile(weights, 2)
         return fit_variances(self.residuals.ravel() ** 2, features, fixed, stacked_weights)
 
     def is_outweighed(self, alphas: Floats, position: float, heading: float) -> bool:
-        """Whether the poses' noise is more than odometry's, of the turns or of the distances."""
+        """Return True if the poses are noisier than odometry in turns or distances."""
         of_poses = self.poses @ np.array([position**2, heading**2])
         of_odometry = self.features @ alphas
         return bool((of_poses.mean(axis=1) > of_odometry.mean(axis=1)).any())
 
     def compute_outlier_share(self, alphas: Floats, position: float, heading: float) -> float:
-        """Share of the increments that are far off what the fit expects."""
+        """Compute the share of increments beyond five standard deviations of the fit."""
         variance = self.features @ alphas + self.poses @ np.array([position**2, heading**2])
         return float((self.residuals**2 > 25 * (variance + TINY)).any(axis=0).mean())
 
@@ -352,7 +352,7 @@ class _OdometryIncrements:
 def _fit_regression(
     values: Floats, means: Floats, features: Floats, weights: Floats
 ) -> tuple[Floats, Floats]:
-    """Coefficients of the mean and of the variance of Gaussian values that are likeliest."""
+    """Fit coefficients of mean and variance of Gaussian values by maximum likelihood."""
     coefficients: Floats = np.zeros(means.shape[1])
     parts: Floats | None = None
     for _ in range(4):
@@ -366,36 +366,35 @@ def _fit_regression(
 
 
 FAR = 0.3
-"""Difference of a range from the map's as which larger ones count in settling [m]."""
+"""Bound on the difference between a measured and an expected range in `settle_pose` [m]."""
 MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
+"""Ratio of standard deviation to median absolute deviation of a normal distribution."""
 
 
 @dataclass(frozen=True)
 class ScanNoise:
-    """Noise of scans with 95 % intervals over blocks of the drive of 10 m."""
+    """Noise of scans with 95 % intervals over blocks of 10 m of the drive."""
 
     range_sigma: Interval
-    """Scatter of the ranges about the map's walls [m]: the lidar's noise and the map's together."""
+    """Scatter of the ranges around the map's walls, from lidar and map [m]."""
     outliers: Interval
-    """Share of the beams that end at a random distance, from those that go through walls,
-    0..1."""
+    """Share of beams that end at a random distance, estimated from beams through walls, 0..1."""
     blocked: Interval
-    """Share of the beams that are shorter than the map says, without outliers, 0..1."""
+    """Share of beams that end before the expected wall, without outliers, 0..1."""
     occlusion: Interval
-    """Share of the scans in which an object stands 0.5 to 2 m away, as in simulation: of those that
-    show one, over the chance that it stands before the wall."""
+    """Share of scans with an object 0.5 to 2 m away, as in simulation, corrected for objects hidden
+    behind walls."""
     occlusion_deg: Interval
-    """Angle that is blocked in these scans [deg]."""
+    """Angle that the object blocks in these scans [deg]."""
     moved: float
-    """Median distance from the recorded position to the one at which a scan fits best [m]."""
+    """Median distance from the recorded position to the best position of a scan [m]."""
     scans: int
-    """Number of scans that were compared."""
+    """Number of compared scans."""
     set_apart: int
-    """Number of scans that fit the map nowhere near their recorded pose."""
+    """Number of scans that do not fit the map near their recorded pose."""
 
     def settings(self) -> dict[str, float]:
-        """The disturbances of a robot that they are, by name."""
+        """Return the noise as disturbances of a robot, by name."""
         return {
             "outliers": self.outliers.value,
             "occlusion": self.occlusion.value,
@@ -410,11 +409,11 @@ def fit_scan_noise(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> ScanNoise:
-    """Compare ranges with those that the map says, from where each scan fits best.
+    """Fit the noise of scans by comparing ranges with the map, at the best pose of each scan.
 
-    A beam's own noise is the scatter of the ranges that end at walls, from their median absolute
-    deviation. Beams that go far through walls are outliers; as many, by the distances that the map
-    leaves them, are among those that end before the wall, and the others are blocked.
+    The noise of ranges follows from the median absolute deviation of beams that end at walls. Beams
+    that end far behind walls are outliers. The same rate of outliers is assumed before walls; the
+    remaining short beams are blocked.
 
     Parameters
     ----------
@@ -466,26 +465,25 @@ def fit_scan_noise(
 
 @dataclass(frozen=True, eq=False)
 class _ScanSums:
-    """What is summed up of n scans."""
+    """Sums over the beams of n scans, from which the noise is estimated."""
 
     deviations: Floats
-    """Distances of ranges from the map's, in ascending order [m]."""
+    """Distances between measured and expected ranges, ascending [m]."""
     of_scan: NDArray[np.int64]
-    """The scan of each."""
+    """Index of the scan of each deviation."""
     through: Floats
-    """Number of beams that go through walls, (n,)."""
+    """Number of beams that end behind walls, (n,)."""
     room: Floats
-    """Number of outliers that would go through walls, if all beams were outliers, (n,)."""
+    """Expected number of beams behind walls if all beams were outliers, (n,)."""
     short: Floats
-    """Number of beams that end before the wall, (n,)."""
+    """Number of beams that end before walls, (n,)."""
     before: Floats
-    """Number of outliers that would, if all beams were outliers, (n,)."""
+    """Expected number of beams before walls if all beams were outliers, (n,)."""
     beams: int
     open: Floats
-    """Chance that an object 0.5 to 2 m away stands before the wall, (n,)."""
+    """Probability that an object 0.5 to 2 m away stands before the wall, (n,)."""
     angle: Floats
-    """Angle of the runs of beams that are blocked within 2 m, (n,) [deg]; a wall that differs a
-    little from the map shadows others further away, too."""
+    """Total angle of adjacent beams that are blocked within 2 m, (n,) [deg]."""
 
     @classmethod
     def from_residuals(
@@ -497,7 +495,7 @@ class _ScanSums:
         lidar: Lidar,
         resolution: float,
     ) -> _ScanSums:
-        """Sums of residuals (n, beams) against walls at these distances, or at the range."""
+        """Sum up residuals (n, beams) of ranges, given the distances of walls."""
         deviation = np.abs(residual[near])
         order = np.argsort(deviation)
         sigma = MAD * float(np.median(deviation))
@@ -522,7 +520,7 @@ class _ScanSums:
         )
 
     def compute_statistics(self, weights: Floats) -> Floats:
-        """The values of `ScanNoise` that have intervals, with weights of the scans."""
+        """Compute the values of `ScanNoise` that have intervals, with weights of the scans."""
         shares = np.cumsum(weights[self.of_scan])
         middle = self.deviations[np.searchsorted(shares, shares[-1] / 2)]
         outliers = min(1.0, float(weights @ self.through / max(float(weights @ self.room), 1.0)))
@@ -539,14 +537,14 @@ class _ScanSums:
 
 
 def _count_beams_in_runs(short: NDArray[np.bool_]) -> int:
-    """Number of beams in runs of at least four that are short, as one object's are."""
+    """Count short beams in runs of at least four, as caused by an object."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], short.astype(np.int8), [0]])))
     runs = edges[1::2] - edges[::2]
     return int(runs[runs >= 4].sum())
 
 
 class SeenWalls:
-    """The map's walls, as a recording's lidar would see them."""
+    """The map's walls as seen by a recording's lidar."""
 
     def __init__(self, grid: OccupancyGrid, recording: Recording) -> None:
         from locplan._support.kernels.rays import empty_squares
@@ -554,21 +552,21 @@ class SeenWalls:
         lidar = recording.lidar
         self.grid, self.recording = grid, recording
         self.squares = empty_squares(grid.cells == OCCUPIED)
-        self.beam_step = max(1, lidar.beams // 61)  # some sixty beams settle a scan
+        self.beam_step = max(1, lidar.beams // 61)  # about sixty beams suffice to settle a scan
         self.beams = lidar.to_kernel_settings()._replace(min_range=0.0)
         sparse_angles = np.ascontiguousarray(lidar.angles[:: self.beam_step])
         self.sparse_beams = self.beams._replace(angles=sparse_angles)
 
     def compare_scan(self, scan: int) -> tuple[float, Floats]:
-        """How far a scan was moved to fit best [m], and the map's ranges from there (beams,)."""
+        """Find the best pose of a scan; return its distance [m], and the expected ranges there."""
         start = self.recording.poses[scan]
         pose = self.settle_pose(start, self.recording.ranges[scan, :: self.beam_step])
         return math.dist(pose[:2], start[:2]), self.cast_ranges(pose, self.beams)
 
     def settle_pose(self, pose: Floats, measured: NDArray[Any]) -> Floats:
-        """The pose near the recorded one from which the map's ranges are most like a scan's.
+        """Find the pose near a start whose expected ranges match a scan best.
 
-        It moves along x, y and the heading as long as that lessens the mean difference.
+        The pose moves along x, y and heading until the mean difference stops decreasing.
         """
         has_return = np.isfinite(measured)
         measured = measured[has_return].astype(np.float64)
@@ -592,7 +590,7 @@ class SeenWalls:
         return pose
 
     def cast_ranges(self, pose: Floats, beams: Any) -> Floats:
-        """Ranges by the map at a pose in the world, (beams,) [m]; inf where no wall is met."""
+        """Compute expected ranges at a world pose, (beams,) [m]; inf if a beam meets no wall."""
         from locplan._support.kernels.lidar import lever, write_scan_ends
 
         row, col = self.grid.world_to_grid(pose[0], pose[1])
@@ -606,25 +604,25 @@ class SeenWalls:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DriveCalibration:
-    """What a recorded drive says of a robot, for simulations."""
+    """Calibration of a robot's noise from a recorded drive, for simulations."""
 
     recording: Recording
     """The drive."""
     scans: ScanNoise
     """Noise of the scans."""
     odometry: OdometryNoise | None
-    """Noise of odometry; None where the drive has none, or is too short."""
+    """Noise of odometry; None without odometry, or if the drive is too short."""
     robot: Robot
-    """The robot with the recording's lidar and all that was fitted but the alphas, which are those
-    of the odometry."""
+    """The robot with the recording's lidar and the fitted noise; its filter's alphas are
+    unchanged."""
     notes: tuple[str, ...]
-    """What limits the calibration, in sentences without a full stop."""
+    """Limits of the calibration, as sentences without a full stop."""
 
     def __repr__(self) -> str:
         return f"DriveCalibration({self.recording!r})"
 
     def report(self) -> str:
-        """Text for people: what was fitted, with units and intervals."""
+        """Return a table of the fitted noise with units and intervals."""
         rows = [["drive", repr(self.recording), ""]]
         rows += [
             ["scatter of the ranges", *_format_noise(self.scans.range_sigma, "m")],
@@ -653,7 +651,7 @@ class DriveCalibration:
 
 
 def _format_noise(interval: Interval, unit: str) -> tuple[str, str]:
-    """Texts of a value with its unit, and of its interval."""
+    """Format a value with its unit, and its interval."""
     factor = 100.0 if unit == "%" else 1.0
     value, low, high = (f"{0 if abs(bound) < 2e-5 else factor * bound:.3g}" for bound in interval)
     return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"{low} to {high}"
@@ -679,9 +677,9 @@ def calibrate_drive(
     grid : OccupancyGrid
         The map; the poses are in its world frame.
     robot : Robot, optional
-        The robot, whose settings stay where a drive says nothing of them. The alphas that are
-        fitted hold for its filter's distance between updates. They are those of the odometry alone,
-        and no advice for a filter, whose particles must spread more.
+        The robot; settings that the drive cannot show stay unchanged. The fitted alphas apply to
+        its filter's distance between updates. They describe odometry, and are too small for a
+        filter, whose particles must spread more.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
     progress : callable, optional
@@ -690,7 +688,7 @@ def calibrate_drive(
     Returns
     -------
     DriveCalibration
-        The disturbances and the noise, with what limits them.
+        The noise, the calibrated robot, and notes on limits.
 
     Raises
     ------
@@ -699,12 +697,11 @@ def calibrate_drive(
 
     Notes
     -----
-    The scatter of the ranges is that of the lidar and of the map's cells together. The drifts of
-    odometry come out too low by 4 % on simulated drives of 300 m that turn all the time, where they
-    scatter by a tenth, and by a tenth on drives of 70 m, where they scatter by a third; their
-    intervals hold the true value in 65 to 95 % of the drives. The biases are those of one drive.
-    Objects that block beams are taken to stand 0.5 to 2 m away, as in simulation: those further
-    away are left out.
+    The scatter of the ranges includes errors of the lidar and of the map's cells. On simulated
+    drives of 300 m with many turns, drifts of odometry are 4 % too low, with a scatter of 10 %. On
+    drives of 70 m, they are 10 % too low, with a scatter of 33 %. Their intervals hold the true
+    value in 65 to 95 % of the drives. Biases apply to one drive. Objects that block beams are
+    assumed to stand 0.5 to 2 m away, as in simulation; objects further away are ignored.
 
     Examples
     --------

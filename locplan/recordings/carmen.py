@@ -1,4 +1,4 @@
-"""The reader of CARMEN logs: text, one message a line, with odometry at the scans."""
+"""Reader of CARMEN logs: text files with one message per line."""
 
 from __future__ import annotations
 
@@ -16,38 +16,37 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import apply_motions, compute_motions, wrap_angles
 from locplan._support.reading import read_numbered_lines
 from locplan.errors import RecordingError
-from locplan.recordings.logs import ReadOptions, ScanRows, RecordingSource
+from locplan.recordings.logs import ReadOptions, RecordingSource, ScanRows
 from locplan.recordings.recording import Recording
 
 SUFFIXES: tuple[str, ...] = (".log", ".clf", ".log.gz", ".clf.gz")
 KINDS = ("ROBOTLASER1", "FLASER")
-"""Kinds of lines with scans, the more telling one first: a log may have both of each scan."""
+"""Kinds of lines with scans, the more detailed one first, because a log may have both."""
 
 
 @dataclass
 class _ScanLines:
-    """What the lines of one kind of scan say."""
+    """The lines of one kind of scan in a log."""
 
     rows: ScanRows = field(default_factory=lambda: ScanRows((0.0, MAX_RANGE)))
     """Every n-th scan."""
     lines: array[float] = field(default_factory=lambda: array("d"))
-    """Of each line the first pose, which is the lidar's, the second one, which is the robot's, and
-    the time; a list of tuples would take eight times as much."""
+    """First pose (lidar), second pose (robot) and time of each line, flat to save memory."""
     last_odometry: list[int] = field(default_factory=list)
     """Index of the last line of odometry before each line."""
     greatest: float = 0.0
-    """Maximum range that a line names [m]."""
+    """Maximum range in the lines [m]."""
 
 
 @dataclass
 class _CarmenLog:
-    """What a log says."""
+    """The parsed lines of a log."""
 
     scans: dict[str, _ScanLines] = field(default_factory=dict)
     odometry: array[float] = field(default_factory=lambda: array("d"))
-    """x, y [m], heading [rad], time [s] and speed ahead [m/s] of the lines of odometry."""
+    """x, y [m], heading [rad], time [s] and forward speed [m/s] of the lines of odometry, flat."""
     other_lines: set[str] = field(default_factory=set)
-    """Names of lines of other kinds."""
+    """Names of other kinds of lines."""
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -57,12 +56,12 @@ class _CarmenLog:
 
 
 def read_carmen(path: Path, options: ReadOptions) -> Recording:
-    """Read a drive from a log of CARMEN, in the order of its lines; it may be packed by gzip.
+    """Read a drive from a log of CARMEN, optionally packed by gzip.
 
     Raises
     ------
     RecordingError
-        If the file is no such log, is damaged, or has no scans.
+        If the file is not a log of CARMEN, is damaged, or has no scans.
     """
     options.refuse_unused("a log of CARMEN", of_robot=True)
     log = _parse_log(path, options)
@@ -103,7 +102,7 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
 
 
 def _select_speeds(log: _CarmenLog, before: Sequence[int]) -> Floats | None:
-    """Speeds ahead of the lines of odometry before the scans, (n,) [m/s]; None if all are 0."""
+    """Select forward speeds before the scans, (n,) [m/s]; None if all speeds are 0."""
     values = log.odometry_lines[:, 4]
     if not values.any():
         return None
@@ -111,7 +110,7 @@ def _select_speeds(log: _CarmenLog, before: Sequence[int]) -> Floats | None:
 
 
 def _choose_kind(log: _CarmenLog, requested_kind: str | None) -> str:
-    """The kind of scans that is named, or the first one of `KINDS` that the log has."""
+    """Return the requested kind of scans, or the first one of `KINDS` in the log."""
     kind = requested_kind or next((kind_name for kind_name in KINDS if kind_name in log.scans), "")
     if kind in log.scans:
         return kind
@@ -122,8 +121,8 @@ def _choose_kind(log: _CarmenLog, requested_kind: str | None) -> str:
 
 
 def _find_max_range(ranges: NDArray[np.float32]) -> float:
-    """Maximum range of a lidar whose log does not name it: readings pile up at "no return" [m]."""
-    pile = 0.1  # readings so near below the largest count as no return if they are over 3 permille
+    """Estimate the lidar's maximum range from a pile of readings without a return [m]."""
+    pile = 0.1  # readings within 10 cm of the largest are no returns if they are over 3 permille
     finite_ranges = ranges[np.isfinite(ranges)]
     longest = float(finite_ranges.max(initial=0.0))
     if (finite_ranges > longest - pile).sum() > 3e-3 * ranges.size and longest > 2 * pile:
@@ -134,10 +133,10 @@ def _find_max_range(ranges: NDArray[np.float32]) -> float:
 def _derive_poses(
     scans: Floats, before: Sequence[int], log: _CarmenLog
 ) -> tuple[Floats, Floats | None, tuple[float, float, float]]:
-    """Poses of the robot, its odometry, and the lidar's mount on it [m, m, rad].
+    """Derive the robot's poses, its odometry, and the lidar's mount [m, m, rad].
 
-    A line has two poses: the lidar's and the robot's. Where they are not a rigid body, the first
-    one was corrected, and the second is odometry.
+    A line has two poses, for lidar and robot. If they do not move as a rigid body, the first pose
+    was corrected by mapping, and the second one is odometry.
     """
     first, second = scans[:, :3], scans[:, 3:6]
     mounts = compute_motions(second, first)
@@ -157,6 +156,7 @@ def _derive_poses(
 
 
 def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
+    """Parse the lines of a log."""
     log, bad, requested_kind = _CarmenLog(), 0, options.scan_topic
     if requested_kind not in (None, *KINDS):
         raise RecordingError(
@@ -184,7 +184,7 @@ def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
 
 
 def _add_scan(kind: str, words: list[str], scans: _ScanLines, before: int, scan_step: int) -> None:
-    """Take a line of a scan; a ValueError or IndexError if it is damaged."""
+    """Add the line of a scan; raise a ValueError or IndexError if it is damaged."""
     if kind == "FLASER":
         count = int(words[1])
         begin, first, step = 2, -math.pi / 2, math.pi / max(1, count - count % 2)
@@ -208,7 +208,7 @@ def _add_scan(kind: str, words: list[str], scans: _ScanLines, before: int, scan_
 
 
 def _parse_finite(words: Sequence[str]) -> tuple[float, ...]:
-    """Numbers as floats; a ValueError if one is not finite, or beyond all places and times."""
+    """Parse numbers; raise a ValueError if one is not finite, or impossibly large."""
     values = tuple(map(float, words))
     if not all(abs(value) <= MAX_AMOUNT for value in values):
         raise ValueError
@@ -218,10 +218,10 @@ def _parse_finite(words: Sequence[str]) -> tuple[float, ...]:
 def compute_scan_odometry(
     poses: Floats, stamps: Floats, before: Sequence[int], lines: Floats
 ) -> Floats | None:
-    """Odometry at n scans; None if the log has none of its own.
+    """Compute the odometry at n scans; None without separate odometry.
 
-    Mapping programs write the corrected pose after each scan as a line of odometry, too, and let
-    odometry go on from there: then the ways from each such line to the next scan are put together.
+    Mapping programs repeat the corrected pose after each scan as a line of odometry, and continue
+    odometry from there. The motions from each such line to the next scan are chained then.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def compute_scan_odometry(
     stamps : (n,) array
         Times of the scans [s].
     before : sequence of n int
-        Index of the last line of odometry before each scan, -1 if there is none.
+        Index of the last line of odometry before each scan, or -1.
     lines : (m, 4) array
         Lines of odometry: x, y [m], heading [rad], time [s].
     """
@@ -241,7 +241,7 @@ def compute_scan_odometry(
     off = lines[after, :3] - poses
     off[:, 2] = wrap_angles(off[:, 2])
     repeated = (np.abs(off) < 1e-5).all(1)
-    if repeated.mean() > 0.5:  # odometry begins anew at most scans
+    if repeated.mean() > 0.5:  # odometry restarts at most scans
         has_later_line = at[1:] > after[:-1]
         if len(has_later_line) and has_later_line.mean() < 0.5:
             return None
@@ -255,7 +255,7 @@ def compute_scan_odometry(
                 odometry[n - 1], compute_motions(lines[begin, :3], lines[at[n], :3])
             )
         return odometry
-    # Between the lines around each scan if their stamps tell where, else at the former.
+    # Interpolate between the lines around each scan if stamps allow it; otherwise take the former.
     gap = lines[after, 3] - lines[at, 3]
     inside = (gap > 0) & (stamps >= lines[at, 3]) & (stamps <= lines[after, 3])
     share = np.where(inside, (stamps - lines[at, 3]) / np.where(gap > 0, gap, 1.0), 0.0)

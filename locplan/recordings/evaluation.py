@@ -1,4 +1,4 @@
-"""Evaluation of estimators on a recorded drive: how well each scan fixes the pose."""
+"""Evaluation of estimators on a recorded drive: predicted against measured standard deviations."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ if TYPE_CHECKING:
 
 
 MIN_RETURNS = 10
-"""Number of returns below which a scan tells too little to be judged."""
+"""Minimum number of returns to match a scan."""
 MIN_FIT_SHARE = 0.6
-"""Share of the beams that end at walls from which a map fits. Six real logs have .91 to 1.00 on the
-maps made of them, and at most .41 on those of each other, wherever the drive is moved."""
+"""Minimum share of beams that end at walls if a map fits. Six real logs have 0.91 to 1.00 on their
+maps, and at most 0.41 on any other of these maps, even after the best move."""
 
 
 def check_scan_counts(n_fitting: int, n_scans: int) -> None:
@@ -64,39 +64,40 @@ def check_scan_counts(n_fitting: int, n_scans: int) -> None:
         )
     if n_fitting < 10:
         raise RecordingError(
-            f"{n_fitting} of {n_scans} scans fit the map and lie in its free space, too few; is it the"
+            f"{n_fitting} of {n_scans} scans fit the map and lie in its free space,"
+            f" too few; is it the"
             " right map, and are the poses in its frame? See locplan.recordings.fit_to_map"
         )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScanMatches:
-    """The posteriors of n recorded scans about their recorded poses, in the world's frame."""
+    """Posteriors of n scans around their recorded poses, in world coordinates."""
 
     recording: Recording
     """The scans, with their poses."""
     grid: OccupancyGrid
-    """The map that they were matched with."""
+    """The map."""
     settings: Scan
-    """The search window, and how a beam's end is scored."""
+    """The search window, and the likelihood of beams."""
     mean: Floats
     """Mean offset from the recorded pose, (n, 3) [m, m, rad]."""
     best: Floats
     """Most probable offset, (n, 3) [m, m, rad]."""
     covariance: Floats
-    """Covariance about the mean, (n, 3, 3) [m, m, rad]; NaN where a scan tells too little."""
+    """Covariance around the mean, (n, 3, 3) [m, m, rad]; NaN for scans with too few returns."""
     ambiguity: Floats
     """Probability outside the central mode, (n,), 0..1."""
     entropy: Floats
     """Entropy of the posterior, (n,) [nat]."""
     score: Floats
-    """Log-likelihood a return at the most probable offset, (n,): 0 where all ends lie on walls."""
+    """Log-likelihood per return at the most probable offset, (n,); 0 if all ends lie on walls."""
     n_returns: NDArray[np.int64]
-    """Number of returns among the beams that were compared, (n,)."""
+    """Number of returns among the compared beams, (n,)."""
 
     def __repr__(self) -> str:
         median = float(np.nanmedian(self.position_std)) if self.is_matched.any() else math.nan
-        return f"Matches({len(self)} scans, median position_std {100 * median:.1f} cm)"
+        return f"ScanMatches({len(self)} scans, median position_std {100 * median:.1f} cm)"
 
     def __len__(self) -> int:
         return len(self.score)
@@ -108,17 +109,17 @@ class ScanMatches:
 
     @cached_property
     def stray_share(self) -> Floats:
-        """Share of the returns that end away from all walls at the most probable offset, (n,).
+        """Share of the returns that end away from walls at the most probable offset, (n,).
 
-        Away is beyond three cells, at least 0.25 m, and a fiftieth of the beam's length: so far
-        from their cells even walls are met where cells are coarse or beams are long.
+        Such a return ends beyond three cells, at least 0.25 m, and 2 % of the beam's length from
+        the nearest wall. Coarse cells and long beams explain smaller distances.
         """
         import cv2
 
         clear = np.asarray(self.grid.cells != OCCUPIED, np.uint8)
         distance = self.grid.resolution * cv2.distanceTransform(clear, cv2.DIST_L2, 5)
         min_distance, share = max(3 * self.grid.resolution, 0.25), np.zeros(len(self))
-        for first in range(0, len(self), 512):  # in blocks, which saves memory
+        for first in range(0, len(self), 512):  # blocks save memory
             block = slice(first, first + 512)
             ends = self.recording[block].ends_on_robot()
             at = look_up_cells(
@@ -140,7 +141,7 @@ class ScanMatches:
 
     @property
     def direction(self) -> Floats:
-        """Direction of that deviation in the world, (n,) [rad]."""
+        """Direction of the largest standard deviation in the world, (n,) [rad]."""
         return position_axes(self.covariance)[2]
 
 
@@ -152,7 +153,7 @@ def match_scans(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> ScanMatches:
-    """Match the scans of a drive with a map, each about its recorded pose.
+    """Match each scan of a drive with a map, around its recorded pose.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def match_scans(
         The map; the poses are in its world frame.
     settings : Scan, optional
         The search window and the likelihood of beams; its `lidar` must be the recording's. By
-        default +-1.5 m in 0.1 m and +-4 deg in 1 deg, 180 beams that tell as much as 15.
+        default +-1.5 m in 0.1 m and +-4 deg in 1 deg, with 180 beams that count as 15.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
     progress : callable, optional
@@ -171,12 +172,12 @@ def match_scans(
     Returns
     -------
     Matches
-        The posterior of each scan; NaN where it has fewer than 10 returns or lies off the map.
+        The posterior of each scan; NaN for scans with fewer than 10 returns, or outside the map.
 
     Raises
     ------
     RecordingError
-        If no scan with enough returns was taken on the map.
+        If no scan on the map has enough returns.
     """
     check_instance(
         "recording", recording, Recording, "read one with locplan.recordings.read_recording"
@@ -200,7 +201,7 @@ def match_scans(
             "no scan with enough returns was taken on this map; is it the right one? See"
             " locplan.recordings.fit_to_map"
         )
-    _ = matcher.kernel_arguments  # now, once for all threads
+    _ = matcher.kernel_arguments  # computed once, before threads need it
 
     def match(numbers: NDArray[np.int64]) -> list[int]:
         scan_numbers = usable_scans[numbers]
@@ -219,15 +220,16 @@ def match_scans(
 
 
 def find_cells_near_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
-    """Distance from a wall within which a beam ends at it [m], and the cells so near.
+    """Return the maximum distance between a wall and a beam that ends at it [m], and a mask of
+    the cells within it.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     """
-    # A cell's worth is lost by the map's and the end's own rounding, another one by the wall's
-    # thickness in a map of many scans; and 0.1 m is three deviations of a lidar's noise.
+    # Rounding of map and beam takes a cell, the thickness of mapped walls another one; 0.1 m is
+    # three standard deviations of a lidar's noise.
     distance = max(2 * grid.resolution, 0.1)
     return distance, grid.cells_near_walls(distance)
 
@@ -235,7 +237,7 @@ def find_cells_near_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]
 def look_up_cells(
     grid: OccupancyGrid, values: NDArray[Any], xy: Floats, outside_value: float
 ) -> Floats:
-    """Values of the cells at points (..., 2), and off the map, or where a point is NaN, another."""
+    """Look up values of cells at points (..., 2) [m]; outside_value off the map and for NaN."""
     row, col = (np.floor(coordinate) for coordinate in grid.world_to_grid(xy[..., 0], xy[..., 1]))
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
     at = tuple(np.where(inside, coordinate, 0).astype(np.int64) for coordinate in (row, col))
@@ -244,22 +246,22 @@ def look_up_cells(
 
 @dataclass(frozen=True)
 class EstimatorAgreement:
-    """How well an estimator's deviations agree with the measured ones.
+    """Agreement between predicted and measured standard deviations of an estimator.
 
-    Intervals are percentiles of a bootstrap over blocks of 10 m of the drive; NaN where it has
-    fewer than five.
+    Intervals come from a bootstrap over blocks of 10 m of the drive; NaN with fewer than five
+    blocks.
     """
 
     rank: Rank
     """Rank correlation, -1..1, and AUC for the worst fifth of the scans, 0..1."""
     aligned: Interval
-    """Share of the elongated ellipses whose direction is right to 15 deg, 0..1; NaN without any."""
+    """Share of elongated ellipses with a direction within 15 deg, 0..1; NaN without any."""
     factor: Interval
-    """Predicted over measured deviation of the position: geometric mean; 1 where they agree."""
+    """Ratio of predicted to measured standard deviation of the position, geometric mean."""
 
     @property
     def table_cells(self) -> list[str]:
-        """The columns of a table: rank correlation, AUC, direction, and factor."""
+        """Cells of a table row: rank correlation, AUC, direction, and factor."""
         aligned = "-" if math.isnan(self.aligned.value) else f"{self.aligned.value:.0%}"
         return [
             format_ratio(self.rank.spearman),
@@ -272,22 +274,22 @@ class EstimatorAgreement:
 def compute_agreement(
     values: Floats, predicted: Floats, measured: Floats, blocks: NDArray[np.int64]
 ) -> EstimatorAgreement:
-    """Agreement of predicted with measured covariances at n scans.
+    """Compare predicted with measured covariances at n scans.
 
     Parameters
     ----------
     values : (n,) array
-        The scalar by which the estimator ranks places.
+        The estimator's criterion, which ranks places.
     predicted, measured : (n, d, d) arrays
         Covariances [m, m, rad].
     blocks : (n,) array of int
-        The block of the drive that each scan belongs to.
+        The block of the drive of each scan.
     """
     resamples = draw_blocks(blocks)
     major, minor, direction = position_axes(measured)
     predicted_major, _, towards = position_axes(predicted)
     direction_error = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
-    elongated = (major > 3 * minor).astype(float)  # a rounder ellipse has no direction
+    elongated = (major > 3 * minor).astype(float)  # the direction of a round ellipse is arbitrary
     return EstimatorAgreement(
         rank([values], [major], BootstrapResamples([resamples], np.ones((len(resamples), 1)))),
         estimate_block_mean((direction_error < math.radians(15)).astype(float), blocks, elongated),
@@ -310,32 +312,32 @@ LEGEND = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DriveEvaluation(DrawableResult):
-    """Measured and predicted deviations along a recorded drive."""
+    """Measured and predicted standard deviations along a recorded drive."""
 
     matches: ScanMatches
-    """The measured ones: posteriors of the scans."""
+    """Posteriors of the scans: the measured covariances."""
     predicted: Mapping[str, Floats]
-    """Covariances at the poses and headings of the scans by the estimators' names, (n, d, d) in the
-    world [m, m, rad]; d is 2 or 3, and NaN where there is no field."""
+    """Predicted covariances at the scans by estimator, (n, d, d) in the world [m, m, rad]; d is 2
+    or 3; NaN outside of the field."""
     criteria: Mapping[str, str]
-    """The scalar that each estimator ranks places by, such as "position_std"."""
+    """The scalar of each estimator that ranks places, such as "position_std"."""
 
     def __repr__(self) -> str:
         return f"DriveEvaluation({len(self.matches)} scans, {', '.join(self.predicted)})"
 
     @cached_property
     def is_outdated(self) -> NDArray[np.bool_]:
-        """Mask of the scans that saw what is not on the map, (n,): people, changes, plants."""
-        # Log-likelihood of a scan with a sixth of its returns away from all walls.
+        """Mask of scans that do not match the map, (n,): people, changes, plants."""
+        # Log-likelihood of a scan with a sixth of its returns away from walls.
         poor = self.matches.is_matched & (self.matches.score < -0.5)
         if poor.sum() > MAX_OUTDATED * len(poor):  # the map, the poses or the mount are wrong
             return np.asarray(poor)
-        # Coarse cells, long beams and plants make fits poor, too, but few returns stray by them.
+        # Coarse cells, long beams and plants also cause poor fits, but few stray returns.
         return np.asarray(poor & (self.matches.stray_share > 1 / 6))
 
     @cached_property
     def is_compared(self) -> NDArray[np.bool_]:
-        """Mask of the scans at which measured and all predicted deviations are compared, (n,)."""
+        """Mask of scans with a measured and all predicted covariances, (n,)."""
         has_values = self.matches.is_matched & ~self.is_outdated
         for covariances in self.predicted.values():
             has_values &= np.isfinite(covariances[:, 0, 0])
@@ -343,12 +345,12 @@ class DriveEvaluation(DrawableResult):
 
     @cached_property
     def blocks(self) -> NDArray[np.int64]:
-        """The block of the drive that each scan belongs to, (n,)."""
+        """Index of the 10 m block of the drive of each scan, (n,)."""
         return assign_blocks(self.matches.recording.poses)
 
     @cached_property
     def agreements(self) -> dict[str, EstimatorAgreement]:
-        """How well each estimator agrees with the measurement, at the scans compared."""
+        """Agreement of each estimator with the measurement, at the compared scans."""
         scans = self.is_compared
         return {
             name: compute_agreement(
@@ -362,7 +364,7 @@ class DriveEvaluation(DrawableResult):
 
     @property
     def verdict(self) -> list[str]:
-        """Two sentences: whether a field says where the scans fix the pose badly, and where."""
+        """Two sentences: which field predicts the measured uncertainty, and the worst place."""
         n_outdated = int(self.is_outdated.sum())
         if n_outdated > MAX_OUTDATED * len(self.is_outdated):
             return [
@@ -378,7 +380,7 @@ class DriveEvaluation(DrawableResult):
         ]
 
     def _describe_worst_place(self) -> str:
-        """Where the scans fix the position worst."""
+        """Describe the 10 m with the largest measured standard deviation."""
         compared, blocks, std = self.is_compared, self.blocks, self.matches.position_std
         nine_of_ten = float(np.quantile(std[compared], 0.9))
         if nine_of_ten <= 0.1:
@@ -401,11 +403,12 @@ class DriveEvaluation(DrawableResult):
         return (
             f"The worst 10 m lie around {self._format_middle(is_worst)}, where {scans} the"
             " position to"
-            f" {100 * median:.0f} cm along {_compute_mean_axis(self.matches.direction[is_worst])}°{without}"
+            f" {100 * median:.0f} cm along"
+            f" {_compute_mean_axis(self.matches.direction[is_worst])}°{without}"
         )
 
     def _describe_map_changes(self) -> str:
-        """Where the map is out of date, if many scans say so."""
+        """Describe where the map is outdated; empty if few scans differ from it."""
         outdated, blocks = self.is_outdated, self.blocks
         if outdated.sum() < max(1, 0.05 * len(outdated)):
             return ""
@@ -418,7 +421,7 @@ class DriveEvaluation(DrawableResult):
         )
 
     def _format_middle(self, is_chosen: NDArray[np.bool_]) -> str:
-        """The middle of some scans' positions, to 0.1 m; no -0.0."""
+        """Format the mean position of some scans, without -0.0."""
         middle = self.matches.recording.poses[is_chosen, :2].mean(axis=0)
         return ",".join(f"{round(float(value), 1) + 0.0:.1f}" for value in middle)
 
@@ -446,7 +449,7 @@ class DriveEvaluation(DrawableResult):
         )
 
     def table(self) -> Table:
-        """A row per scan: its pose, its measured deviations, and those of each estimator."""
+        """Return a row per scan: pose, measured and predicted standard deviations."""
         matches, drive = self.matches, self.matches.recording
         major, minor, direction = position_axes(matches.covariance)
         unknown = np.full(len(drive), np.nan)
@@ -475,11 +478,10 @@ class DriveEvaluation(DrawableResult):
         return Table(tuple(values), tuple(map(tuple, rows)))
 
     def figure(self) -> Figure:
-        """The drive over the map, and its deviations along the way.
+        """Draw the drive on the map, and its standard deviations along the path.
 
-        Its wide line is coloured by the deviation that an estimator predicts, the narrow one by the
-        measured one, and ellipses compare both at some poses. Crosses are scans that saw what is
-        not on the map.
+        The wide line shows the predicted standard deviation, the narrow line the measured one.
+        Ellipses compare both at some poses. Crosses mark scans that do not match the map.
         """
         from locplan.recordings.figures import drive_figure
 
@@ -495,10 +497,10 @@ def evaluate_drive(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> DriveEvaluation:
-    """Compare the deviations that fields predict with those of the scans of a drive.
+    """Compare predicted standard deviations of fields with measured ones along a drive.
 
-    Scans of which more than a sixth of the returns lie away from all walls, farther than coarse
-    cells and long beams explain, saw what is not on the map, and are set apart.
+    Scans are excluded if over a sixth of their returns end away from all walls, because they do not
+    match the map.
 
     Parameters
     ----------
@@ -518,12 +520,12 @@ def evaluate_drive(
     Returns
     -------
     DriveEvaluation
-        Both deviations at each scan, how well they agree, and a verdict in two sentences.
+        Measured and predicted standard deviations, their agreement, and a verdict.
 
     Raises
     ------
     RecordingError
-        If too few scans were taken where the map is known and fits.
+        If too few scans fit the map.
     """
     check_instance(
         "recording", recording, Recording, "read one with locplan.recordings.read_recording"
@@ -531,16 +533,16 @@ def evaluate_drive(
     check_scan_counts(len(recording), len(recording))
     if estimators is None:
         estimators = make_estimators(recording.lidar)
-    tell = progress or (lambda n_done, total: None)
+    report_progress = progress or (lambda n_done, total: None)
     matches = match_scans(recording, grid, settings=settings, threads=threads)
-    tell(1, len(estimators) + 1)
+    report_progress(1, len(estimators) + 1)
     predicted = {}
     for n, (name, estimator) in enumerate(estimators.items(), start=2):
         config = FieldConfig(estimator)
         points = config.lattice_points(grid, recording.poses)
         field = covariance_field(grid, config, points=points, threads=threads)
         predicted[name] = field.at(recording.poses, "covariance")
-        tell(n, len(estimators) + 1)
+        report_progress(n, len(estimators) + 1)
     criteria = {name: predictor.criterion for name, predictor in estimators.items()}
     result = DriveEvaluation(matches, predicted, criteria)
     check_scan_counts(int(result.is_compared.sum()), len(recording))
@@ -548,7 +550,7 @@ def evaluate_drive(
 
 
 def make_estimators(lidar: Lidar) -> dict[str, Estimator]:
-    """All estimators by name, with a recording's lidar.
+    """Return all estimators by name, for a recording's lidar.
 
     Parameters
     ----------
@@ -559,6 +561,7 @@ def make_estimators(lidar: Lidar) -> dict[str, Estimator]:
 
 
 def _describe_fields(agreements: Mapping[str, EstimatorAgreement]) -> str:
+    """Return the verdict on the best field, in one sentence."""
     names = [name for name in PREFERRED if name in agreements]
     names += [name for name in agreements if name not in names]
     ranks = {name: agreements[name].rank for name in names}
@@ -598,5 +601,5 @@ def _describe_fields(agreements: Mapping[str, EstimatorAgreement]) -> str:
 
 
 def _compute_mean_axis(directions: NDArray[np.float64]) -> int:
-    """Mean of axes, which have no sense, in whole degrees from 0 to 179."""
+    """Compute the mean of undirected axes, in whole degrees from 0 to 179."""
     return round(math.degrees(float(np.angle(np.exp(2j * directions).mean()))) / 2) % 180

@@ -1,4 +1,4 @@
-"""Faults of a recorded drive that show without ground truth: odometry, stamps, and the map."""
+"""Detection of faults of a recorded drive without ground truth: odometry, stamps, and the map."""
 
 from __future__ import annotations
 
@@ -25,29 +25,30 @@ from locplan.recordings.evaluation import look_up_cells, match_scans
 from locplan.recordings.recording import Recording
 
 WAY, TURN, SECONDS, SCANS = 0.25, math.radians(15), 1.0, 10
-"""Way [m], turn [rad] and time [s] of a step; without times, so many scans are one."""
+"""Distance [m], turn [rad] and time [s] that end a step; without times, the number of scans."""
 CELL, HALF_STEPS, HALF_TURNS = 0.05, 24, 15
-"""Spacing of the lattice of motions [m], and its steps and turns of 1 deg to each side."""
+"""Spacing of the lattice of motions [m], and its number of steps and of 1 deg turns to each
+side."""
 SIGMA, ANYWHERE = 0.1, 0.5
-"""Deviation of an end from what the scan before saw [m], and the likelihood of an end anywhere."""
+"""Standard deviation of an end from the previous scan [m], and likelihood of an end anywhere."""
 REACH, RETURNS = 12.0, 10
-"""Greatest range that is compared [m], and least number of returns."""
+"""Maximum compared range [m], and minimum number of returns."""
 GRAZING = 10.0
-"""Distance of neighbouring ends on one wall, in times of that on a wall across the beams."""
+"""Maximum distance of neighbouring ends on a wall, relative to a wall across the beams."""
 MAX_STEP_TURN = math.radians(30)
-"""Turn beyond which a step is not judged: odometry and scans have different stamps [rad]."""
+"""Maximum turn of a compared step, because odometry and scans have different stamps [rad]."""
 MIN_DISAGREEMENT, GAIN, FIT = 0.16, 0.07, 0.5
-"""Odometry and scans disagree if a motion more than so far from odometry's [m] has a score that is
-higher by so much, and at least so high."""
+"""Odometry and scans disagree if the best motion differs from odometry by at least this distance
+[m], gains at least this score, and has at least this score."""
 NEXT_GAIN = 0.02
-"""The same at steps next to such a step: a fault is mostly longer than a step."""
+"""Minimum gain at steps next to a disagreement, because faults usually last several steps."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScanSteps:
-    """k steps of a drive: the motion of the robot by odometry, and by the scans.
+    """Motions of the robot in k steps of a drive, by odometry and by scan matching.
 
-    Motions are seen from the robot before the step: ahead, to the left, turn [m, m, rad].
+    Motions are relative to the pose before the step: forward, left, turn [m, m, rad].
     """
 
     scans: Ints
@@ -55,29 +56,29 @@ class ScanSteps:
     reported: Floats
     """Motions by odometry, (k, 3)."""
     measured: Floats
-    """Motions of the best score, (k, 3); NaN if a step cannot be judged."""
+    """Motions with the best score, (k, 3); NaN for steps without comparison."""
     scores: Floats
     """Best scores, (k,)."""
     gains: Floats
-    """Best scores minus those of odometry, which may err by a cell and in its turn, (k,)."""
+    """Best scores minus scores of odometry (within a cell, at any turn), (k,)."""
     is_hidden: Bools
-    """Mask of the steps at which another motion scores almost as well, as along corridors, (k,)."""
+    """Mask of steps at which several motions score well, as along corridors, (k,)."""
 
     @property
     def is_judged(self) -> Bools:
-        """Mask of the steps with enough returns and not too large a turn, (k,)."""
+        """Mask of the compared steps, with enough returns and a small turn, (k,)."""
         return np.isfinite(self.scores)
 
     @property
     def errors(self) -> Floats:
-        """Distances between the ends of both motions, (k,) [m]; NaN if a step is not judged."""
+        """Distances between measured and reported motions, (k,) [m]; NaN without comparison."""
         return np.asarray(np.hypot(*(self.measured - self.reported)[:, :2].T))
 
     @property
     def is_contradicted(self) -> Bools:
         """Mask of the steps at which the scans contradict odometry, (k,)."""
         turn_error = np.abs(self.measured[:, 2] - self.reported[:, 2])
-        # At the edge of the lattice the true turn lies beyond.
+        # A motion at the edge of the lattice is unreliable: the true turn lies outside.
         is_inside = turn_error < math.radians(HALF_TURNS - 0.5)
         is_apart = is_inside & (self.errors > MIN_DISAGREEMENT) & (self.scores > FIT)
         is_likely, is_sure = (is_apart & (self.gains > gain) for gain in (NEXT_GAIN, GAIN))
@@ -86,12 +87,12 @@ class ScanSteps:
 
     @property
     def motions(self) -> Floats:
-        """Motions by odometry, but by the scans where these contradict it, (k, 3)."""
+        """Motions by the scans if they contradict odometry, otherwise by odometry, (k, 3)."""
         return np.where(self.is_contradicted[:, None], self.measured, self.reported)
 
 
 def measure_steps(recording: Recording) -> ScanSteps:
-    """Compare odometry with the motion between scans.
+    """Compare odometry with the motion by scan matching.
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ def measure_steps(recording: Recording) -> ScanSteps:
 
 
 def find_step_ends(odometry: Floats, times: Floats | None) -> Ints:
-    """Scans at which steps end: after so much way or turn, and of a robot that stands, of time."""
+    """Find the scans at which steps end, by distance, turn, or time."""
     way = compute_travel_distances(odometry)
     turn_sums = np.append(0.0, np.cumsum(np.abs(wrap_angles(np.diff(odometry[:, 2])))))
     passed = np.arange(len(way)) / SCANS if times is None else (times - times[0]) / SECONDS
@@ -144,7 +145,7 @@ def find_step_ends(odometry: Floats, times: Floats | None) -> Ints:
 
 
 def _select_beam_ends(recording: Recording, scans: Ints) -> list[Floats]:
-    """Ends of up to some 180 beams of each scan on the robot, (b, 2) [m]."""
+    """Select ends of about 180 beams per scan, in the robot's frame, (b, 2) [m]."""
     beam_slice = slice(None, None, max(1, recording.lidar.beams // 180))
     scan_subset = recording[scans]
     near = scan_subset.ranges[:, beam_slice] < REACH
@@ -153,10 +154,10 @@ def _select_beam_ends(recording: Recording, scans: Ints) -> list[Floats]:
 
 
 def _find_outlines(recording: Recording, scans: Ints) -> list[tuple[Floats, Bools]]:
-    """Ends of the beams of each scan that have a neighbour on the same wall, and which have.
+    """Find the beam ends of each scan that have a neighbour on the same wall.
 
-    The other ends are left out: at the same angles from anywhere in a corridor, they would show a
-    robot that stands still.
+    Returns the ends, and the mask of ends that are joined to the next one. Isolated ends are
+    dropped: in a corridor, they occur at the same angles everywhere, as if the robot stood still.
     """
     scan_subset = recording[scans]
     angles, outlines = recording.lidar.angles, []
@@ -173,7 +174,7 @@ def _find_outlines(recording: Recording, scans: Ints) -> list[tuple[Floats, Bool
 def _score_motions(
     motion: Floats, outline: Floats, is_joined: Bools, ends: Floats, lattice: Any
 ) -> Array:
-    """Mean scores of a scan at the motions about one by odometry, (turn, left, ahead)."""
+    """Score motions around a reported one by a scan's ends, (turn, left, forward)."""
     from locplan._support.kernels.likelihood import TOP
     from locplan._support.kernels.posterior import score_scan
 
@@ -193,7 +194,7 @@ def _score_motions(
 
 
 def _draw_scan_map(outline: Floats, is_joined: Bools, low: Floats) -> Octets:
-    """A map of what a scan saw: walls from each end to the next one where they are joined."""
+    """Draw a map of a scan, with walls between joined ends."""
     import cv2
 
     places = np.floor((outline - low) / CELL).astype(np.int32)
@@ -205,35 +206,35 @@ def _draw_scan_map(outline: Floats, is_joined: Bools, low: Floats) -> Octets:
 
 
 def _compute_lattice_distances(row: int, col: int) -> Floats:
-    """Distances of the lattice's positions from one of them [m]."""
+    """Compute the distances of the lattice's positions from one of them [m]."""
     rows, cols = np.mgrid[: 2 * HALF_STEPS + 1, : 2 * HALF_STEPS + 1]
     return np.asarray(CELL * np.hypot(rows - row, cols - col))
 
 
 SPACING, MISFIT_DISTANCE, FARTHEST = 0.25, 0.1, 0.5
-"""Way between scans that are compared with the map, mean distance of their ends from walls from
-which on the map does not fit, and that from which on an end counts as no farther [m]."""
+"""Distance between scans that are compared with the map, mean distance of their ends from walls
+above which the map does not fit, and bound on the distance of an end [m]."""
 
 
 @dataclass(frozen=True)
 class MisfitStretch:
-    """The longest stretch of a drive where the map does not fit the scans."""
+    """The longest stretch of a drive along which the map does not fit the scans."""
 
     x: float
     """Recorded position at its middle [m]."""
     y: float
     """Recorded position at its middle [m]."""
     length: float
-    """Length of the way [m]; 0 if the map fits all scans."""
+    """Length of the stretch [m]; 0 if the map fits all scans."""
 
 
 def find_longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStretch:
-    """Find the longest stretch of a drive where ends of scans lie away from a map's walls.
+    """Find the longest stretch of a drive along which beams end away from a map's walls.
 
     Parameters
     ----------
     recording : Recording
-        The drive; poses that are off by up to 0.5 m and 4 deg do no harm.
+        The drive; pose errors of up to 0.5 m and 4 deg are tolerated.
     grid : OccupancyGrid
         The map.
     """
@@ -262,7 +263,7 @@ def find_longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStre
 
 
 def _compute_wall_distances(recording: Recording, poses: Floats, grid: OccupancyGrid) -> Floats:
-    """Mean distance of each scan's ends from the walls, (n,) [m]; 0 with too few returns."""
+    """Compute the mean distance of each scan's ends from walls, (n,) [m]; 0 with few returns."""
     ends = place_ends(recording.ends_on_robot(), poses)
     wall_distances = look_up_cells(grid, grid.clearance, ends, math.inf)
     returns = np.isfinite(ends[..., 0])
@@ -272,66 +273,67 @@ def _compute_wall_distances(recording: Recording, poses: Floats, grid: Occupancy
 
 
 def _find_best_offsets(recording: Recording, grid: OccupancyGrid) -> Floats:
-    """Offsets from the recorded poses at which scans fit the map best, (n, 3) [m, m, rad]."""
+    """Find the offsets from recorded poses at which scans fit best, (n, 3) [m, m, rad]."""
     window = SearchWindow(half_width=0.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
     settings = Scan(recording.lidar, window=window, effective_beams=15.0)
     try:
         return match_scans(recording, grid, settings=settings, threads=1).best
-    except RecordingError:  # none lies on the map
+    except RecordingError:  # no pose lies on the map
         return np.zeros((len(recording), 3))
 
 
 BACK, FORWARD = -0.075, 0.05
-"""Motions from which on the scans move back, and odometry moves forward, in a step [m]."""
+"""Backward motion by the scans, and forward motion by odometry, in a reversed step [m]."""
 MIN_REVERSED_STEPS = 3
-"""Least number of steps with a wrong sign that are a driver's fault; they must be over half."""
+"""Minimum number of steps with a wrong sign for a sign fault; they must be over half."""
 SAME_PLACE = 1.0
-"""Way between two steps up to which they are at the same place [m]."""
+"""Maximum distance between two steps at the same place [m]."""
 LARGE = 1.3
-"""Error of odometry at one place from which on precise settings lose a robot for good [m]: it is
-2 m of standstill that do, and slips of 1 m that do not."""
+"""Error of odometry at one place above which precise settings lose the robot [m]: standstill over
+2 m does, slips of 1 m do not."""
 HIDDEN = 0.1
-"""Share of the steps that scans do not show from which on the faults may be incomplete."""
+"""Share of hidden steps above which the faults may be incomplete."""
 JUMP, FASTEST, OFTEN = 1.0, 3.0, 4.0
-"""Least step [m] and speed [m/s] of a jump of odometry, which is so many times as large as all but
-a twentieth of the others."""
+"""Minimum distance [m] and speed [m/s] of a jump of odometry, and minimum ratio to the 95 %
+quantile of all steps."""
 NEAR_ZERO = 0.1
-"""Distance from its zero, or its first pose, to which odometry was reset [m]."""
+"""Maximum distance from zero, or from the first pose, after a reset of odometry [m]."""
 MOVING = 0.02
-"""Step [m] and speed [m/s] from which on their signs are compared."""
+"""Minimum step [m] and speed [m/s] to compare their signs."""
 STRETCH = 2.0
-"""Length of the way from which on the map does not fit [m]: sound ones have up to 1 m."""
+"""Length of a misfit above which the map does not fit [m]; good maps have up to 1 m."""
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """A place of a drive where odometry and scans disagree."""
+    """Disagreement between odometry and scans at a place of a drive."""
 
     x: float
-    """Recorded position at its beginning, by odometry if the drive has no poses [m]."""
+    """Position x at the beginning, recorded or by odometry [m]."""
     y: float
-    """Recorded position at its beginning, by odometry if the drive has no poses [m]."""
+    """Position y at the beginning, recorded or by odometry [m]."""
     error: float
-    """Sum of the differences of the motions [m]."""
+    """Sum of the differences between the motions [m]."""
 
 
 @dataclass(frozen=True)
 class WrongSigns:
-    """Steps at which odometry's pose and its velocity have opposite signs."""
+    """Steps at which odometry's pose and velocity have opposite signs."""
 
     n_opposite: int
-    """Number of the steps with opposite signs."""
+    """Number of steps with opposite signs."""
     n_compared: int
-    """Number of the steps with a velocity of this sign."""
+    """Number of compared steps with a velocity of this sign."""
     is_negative: bool
-    """Whether the velocity is negative."""
+    """True if the velocity is negative."""
 
     @property
     def sentence(self) -> str:
-        """The fault for people."""
+        """Sentence for people."""
         pose, velocity = ("forward", "negative") if self.is_negative else ("back", "positive")
         return (
-            f"Odometry's pose moves {pose} at {self.n_opposite:,} of {self.n_compared:,} steps with a {velocity}"
+            f"Odometry's pose moves {pose} at {self.n_opposite:,} of"
+            f" {self.n_compared:,} steps with a {velocity}"
             " velocity. Its driver confuses the sign: correct it, and record again."
         )
 
@@ -340,41 +342,41 @@ class WrongSigns:
 class RecordingFaults:
     """Faults of a recorded drive.
 
-    `faulty_steps` do not belong into a fit of odometry's drift, and a recording that is not sound
-    is no evidence for settings that trust odometry and map.
+    Exclude `faulty_steps` from a fit of odometry's drift. A recording that is not sound is no
+    evidence for settings that trust odometry and map.
     """
 
     faulty_steps: Bools
-    """Mask of the steps from scan to scan at which odometry is wrong, (scans - 1,)."""
+    """Mask of the steps between scans at which odometry is wrong, (scans - 1,)."""
     disagreements: tuple[Disagreement, ...]
-    """Places where odometry and scans disagree by more than 0.15 m a step, in their order."""
+    """Places where odometry and scans disagree by over 0.15 m per step, in order."""
     n_backward_steps: int
-    """Number of steps at which the scans move back."""
+    """Number of steps with backward motion by the scans."""
     n_reversed_steps: int
-    """Number of these at which odometry moves forward."""
+    """Number of backward steps at which odometry moves forward."""
     reversed_way: float
-    """Length of the way of odometry in these [m]."""
+    """Total distance by odometry in reversed steps [m]."""
     n_steps: int
-    """Number of the steps of some 0.25 m or 15 deg that were compared."""
+    """Number of compared steps of about 0.25 m or 15 deg."""
     n_hidden_steps: int
-    """Number of the steps at which scans do not show all motions, as along corridors."""
+    """Number of steps at which scans do not show all motions, as along corridors."""
     wrong_signs: tuple[WrongSigns, ...]
-    """Odometry's velocity against its pose."""
+    """Contradictions between odometry's velocity and its pose."""
     n_jumps: int
-    """Number of the steps of odometry that no robot makes, resets among them."""
+    """Number of impossible steps of odometry, including resets."""
     n_resets: int
-    """Number of the jumps to odometry's zero, or to its first pose."""
+    """Number of jumps to zero, or to the first pose."""
     stamps_back: int
-    """Number of the scans whose stamps lie before those of scans before them."""
+    """Number of scans with a stamp before the stamp of an earlier scan."""
     misfit: MisfitStretch | None
-    """Where the map fits worst; None without a map."""
+    """The longest stretch where the map does not fit; None without a map."""
 
     def __repr__(self) -> str:
         return f"RecordingFaults({' '.join(self.sentences) or 'none'})"
 
     @property
     def drops_sign(self) -> bool:
-        """True if odometry moves forward at most steps at which the scans move back."""
+        """True if odometry moves forward at most backward steps."""
         return (
             self.n_reversed_steps >= MIN_REVERSED_STEPS
             and 2 * self.n_reversed_steps > self.n_backward_steps
@@ -382,19 +384,19 @@ class RecordingFaults:
 
     @property
     def has_sign_fault(self) -> bool:
-        """True if odometry has the wrong sign: against the scans, or against its velocity."""
+        """True if odometry's sign contradicts the scans, or its velocity."""
         return self.drops_sign or bool(self.wrong_signs)
 
     @property
     def has_misfit(self) -> bool:
-        """True if the map does not fit the scans over more than 2 m."""
+        """True if the map does not fit the scans along over 2 m."""
         return self.misfit is not None and self.misfit.length > STRETCH
 
     @property
     def is_sound(self) -> bool:
         """True if the recording is evidence for settings that trust odometry and map.
 
-        Slips of up to 1.3 m do no harm, nor do stamps out of order: scans keep the log's order.
+        Slips of up to 1.3 m and stamps out of order are harmless, because scans keep their order.
         """
         is_large = any(place.error > LARGE for place in self.disagreements)
         is_broken = self.has_sign_fault or self.has_misfit or is_large
@@ -402,7 +404,7 @@ class RecordingFaults:
 
     @property
     def fault_sentences(self) -> tuple[str, ...]:
-        """The faults, for people."""
+        """Faults as sentences for people."""
         texts = [signs.sentence for signs in self.wrong_signs]
         if self.drops_sign:
             texts.append(
@@ -415,7 +417,8 @@ class RecordingFaults:
             worst = max(self.disagreements, key=lambda place: place.error)
             texts.append(
                 "Odometry and scans disagree by more than 0.15 m a step at"
-                f" {_format_place_count(len(self.disagreements))}, most at {_format_position(worst)}, by"
+                f" {_format_place_count(len(self.disagreements))}, most at"
+                f" {_format_position(worst)}, by"
                 f" {worst.error:.1f} m."
             )
         if self.n_jumps:
@@ -432,7 +435,7 @@ class RecordingFaults:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """The faults, and what cannot be seen, for people."""
+        """Faults and limits of their detection, as sentences for people."""
         if self.n_hidden_steps <= HIDDEN * self.n_steps:
             return self.fault_sentences
         hidden = (
@@ -443,10 +446,12 @@ class RecordingFaults:
 
 
 def _format_place_count(count: int) -> str:
+    """Format a number of places."""
     return "1 place" if count == 1 else f"{count:,} places"
 
 
 def _format_position(place: Disagreement | MisfitStretch) -> str:
+    """Format the position of a place."""
     return f"({place.x:.1f}, {place.y:.1f})"
 
 
@@ -455,20 +460,21 @@ def find_recording_faults(
 ) -> RecordingFaults:
     """Find faults of a recorded drive, without ground truth.
 
-    Odometry is compared with the motion between scans some 0.25 m apart, and with its velocity.
-    Faults of a recording along long corridors remain unseen, which `n_hidden_steps` counts.
+    Odometry is compared with the motion between scans about 0.25 m apart, and with its velocity.
+    Scans do not show motion along corridors; `n_hidden_steps` counts such steps.
 
     Parameters
     ----------
     recording : Recording
-        The drive. Its poses count for the comparison with the map only, and may be off by 0.5 m.
+        The drive. Its poses are only used for the comparison with the map; errors of up to 0.5 m
+        are tolerated.
     grid : OccupancyGrid, optional
         The map.
 
     Returns
     -------
     RecordingFaults
-        The faults, as numbers and as sentences.
+        The faults, as numbers and sentences.
 
     Examples
     --------
@@ -483,7 +489,7 @@ def find_recording_faults(
     check_instance(
         "recording", recording, Recording, "read one with locplan.recordings.read_recording"
     )
-    # Poses count for the map alone: odometry and scans are compared with each other.
+    # Poses are only used with the map: odometry and scans are compared with each other.
     stretch = (
         find_longest_misfit(recording, grid) if grid is not None and recording.has_poses else None
     )
@@ -516,7 +522,7 @@ def find_recording_faults(
 
 
 def find_odometry_jumps(odometry: Floats, times: Floats | None) -> tuple[Bools, Bools]:
-    """Masks of the steps of odometry that no robot makes, and of those that reset it, (n - 1,)."""
+    """Find impossible steps of odometry, and resets among them; two masks (n - 1,)."""
     lengths = np.hypot(*np.diff(odometry[:, :2], axis=0).T)
     if not len(lengths):
         return lengths > 0, lengths > 0
@@ -530,18 +536,18 @@ def find_odometry_jumps(odometry: Floats, times: Floats | None) -> tuple[Bools, 
 
 
 def _widen_mask(marked: Bools) -> Bools:
-    """Mask of the steps with those before and after: a fault begins and ends within a step."""
+    """Add the steps before and after marked ones, because faults begin and end within steps."""
     return np.asarray(np.convolve(marked, np.ones(3), "same") > 0) if len(marked) else marked
 
 
 def _coarsen_mask(mask: Bools, ends: Ints) -> Bools:
-    """Mask of the steps between ends that contain a marked step from scan to scan."""
+    """Convert a mask of steps between scans to steps between ends that contain a marked step."""
     before = np.append(0, np.cumsum(mask))
     return np.asarray(before[ends[1:]] > before[ends[:-1]])
 
 
 def _refine_mask(marked: Bools, ends: Ints, scans: int) -> Bools:
-    """Mask of the steps from scan to scan that belong to marked steps between ends."""
+    """Convert a mask of steps between ends to all steps between scans within marked ones."""
     of_step = np.searchsorted(ends, np.arange(scans - 1), side="right") - 1
     is_within = of_step < len(marked)
     return np.asarray(is_within & np.append(marked, False)[np.minimum(of_step, len(marked))])
@@ -550,7 +556,7 @@ def _refine_mask(marked: Bools, ends: Ints, scans: int) -> Bools:
 def _find_disagreements(
     recording: Recording, steps: ScanSteps, disagree: Bools
 ) -> tuple[Disagreement, ...]:
-    """The disagreements; those of steps near each other along the way are one."""
+    """Find the disagreements, with steps near each other merged."""
     odometry = recording.odometry
     assert odometry is not None
     numbers, way = np.flatnonzero(disagree), compute_travel_distances(odometry)[steps.scans]
@@ -566,13 +572,13 @@ def _find_disagreements(
 
 
 def _find_wrong_signs(recording: Recording) -> tuple[WrongSigns, ...]:
-    """Signs of velocities against those of the steps of the pose around them."""
+    """Compare the signs of velocities with the signs of the adjacent steps of the pose."""
     odometry, speeds = recording.odometry, recording.speeds
     if odometry is None or speeds is None:
         return ()
     ahead, faults = compute_motions(odometry[:-1], odometry[1:])[:, 0], []
     for sign in (-1.0, 1.0):
-        # Of both ends, or the step may be that of another velocity.
+        # Both ends need this sign, otherwise the velocity changes within the step.
         is_clear = (sign * speeds[:-1] > MOVING) & (sign * speeds[1:] > MOVING)
         is_clear &= np.abs(ahead) > MOVING
         count = int((is_clear & (sign * ahead < 0)).sum())

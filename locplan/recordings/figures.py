@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -45,16 +45,15 @@ MEASURED, PREDICTED, OUTDATED = "black", "#0072b2", "#009e73"
 
 
 def drive_figure(drive_evaluation: DriveEvaluation) -> Figure:
-    """The drive over the map, and its deviations along the way.
+    """Draw the drive on the map, and its standard deviations along the path.
 
-    Its wide line is coloured by the deviation that an estimator predicts, the narrow one by the
-    measured one, and ellipses compare both at some poses. Crosses are scans that saw what is not on
-    the map.
+    The wide line shows the predicted standard deviation, the narrow line the measured one. Ellipses
+    compare both at some poses. Crosses mark scans that do not match the map.
 
     Parameters
     ----------
     drive_evaluation : DriveEvaluation
-        What `evaluate_drive` returned.
+        The result of `evaluate_drive`.
     """
     figure, upper, lower = _make_recording_axes(
         drive_evaluation.matches.grid, drive_evaluation.matches.recording
@@ -92,13 +91,14 @@ def drive_figure(drive_evaluation: DriveEvaluation) -> Figure:
 
 
 def _make_recording_axes(grid: OccupancyGrid, recording: Recording) -> tuple[Picture, Axes, Axes]:
+    """Make a figure with the map around a recording, and axes for profiles along it."""
     return _make_drive_axes(grid, recording.poses, recording.source.file, recording.lidar.title)
 
 
 def _make_drive_axes(
     grid: OccupancyGrid, poses: Floats, file: str, subtitle: str
 ) -> tuple[Picture, Axes, Axes]:
-    """A figure with the map around a drive's poses, and axes for what changes along it."""
+    """Make a figure with the map around a drive's poses, and axes for profiles along it."""
     drive_paths = [Path(poses[:, :2])]
     part = crop_map(grid, drive_paths)
     width, height = compute_figure_size(part)
@@ -114,7 +114,7 @@ def _make_drive_axes(
 
 
 def _add_sentences(figure: Figure, *sentences: str) -> Figure:
-    """The figure with sentences below it."""
+    """Add sentences below a figure."""
     width = int(11 * figure.get_figwidth())
     text = textwrap.fill(" ".join(sentences), width, break_on_hyphens=False)
     figure.supxlabel(text, fontsize="small")
@@ -139,23 +139,23 @@ def _draw_drive_line(
     is_joined = np.append(is_segment, False) | np.insert(is_segment, 0, False)
     is_dot = np.isfinite(values) & ~is_joined
     dots = np.stack([xy[is_dot], xy[is_dot] + 1e-3], axis=1)  # without length they are not drawn
-    colours: dict[str, Any] = {"colors": "white"}
-    if norm:
-        colour_values = np.concatenate([means[is_segment], values[is_dot]])
-        colours = {"array": colour_values, "cmap": FIELD_COLOURS, "norm": norm}
     line_collection = LineCollection(
         list(np.concatenate([lines[is_segment], dots])),
         linewidths=width,
         capstyle="round",
         zorder=3,
-        **colours,
+        colors=None if norm else "white",
+        cmap=FIELD_COLOURS,
+        norm=norm,
     )
+    if norm:
+        line_collection.set_array(np.concatenate([means[is_segment], values[is_dot]]))
     axes.add_collection(line_collection)
     return line_collection
 
 
 def _draw_ellipses(axes: Axes, drive_evaluation: DriveEvaluation, name: str) -> str:
-    """Draw both ellipses at poses along the drive; return how much they are magnified."""
+    """Draw both ellipses at poses along the drive; return a text with their magnification."""
     compared_scans = np.flatnonzero(drive_evaluation.is_compared)
     ellipse_scans = compared_scans[
         np.unique(np.linspace(0, len(compared_scans) - 1, 14).round().astype(int))
@@ -188,7 +188,7 @@ def _draw_ellipses(axes: Axes, drive_evaluation: DriveEvaluation, name: str) -> 
 
 
 def _draw_profile(axes: Axes, drive_evaluation: DriveEvaluation, values: dict[str, Floats]) -> None:
-    """Draw deviations along the way, and where scans are unlike the map."""
+    """Draw standard deviations along the drive, and mark scans that do not match the map."""
     way = compute_travel_distances(drive_evaluation.matches.recording.poses)
     for (label, deviations), colour, line in zip(
         values.items(), (MEASURED, PREDICTED), (1.2, 2.0), strict=True
@@ -203,12 +203,12 @@ def _draw_profile(axes: Axes, drive_evaluation: DriveEvaluation, values: dict[st
 
 
 def replay_figure(replay: Replay) -> Figure:
-    """The recorded way and the filter's over the map, and its error along the drive.
+    """Draw the recorded path and the filter's on the map, and the filter's error along the drive.
 
     Parameters
     ----------
     replay : Replay
-        What `locplan.recordings.replay` returned.
+        The result of `locplan.recordings.replay`.
     """
     figure, upper, lower = _make_recording_axes(replay.grid, replay.recording)
     xy, ways = replay.recording.poses[:, :2], replay.poses[:20, :, :2]
@@ -219,23 +219,36 @@ def replay_figure(replay: Replay) -> Figure:
     profile, deviation = replay.drives.profile(), replay.filter_std
     way, has_deviation = profile[:, 0], np.isfinite(deviation)
     low, high = profile[:, 6], profile[:, 7]
-    style: dict[str, Any] = {"color": ESTIMATED}
     runs = f"error, median of {len(replay.errors)} runs"
-    lower.plot(way, profile[:, 5], linewidth=1.8, label=runs, **style)
-    lower.fill_between(way, low, high, alpha=0.2, linewidth=0, label="error, 10 to 90 %", **style)
-    style = {"color": FILTER, "linestyle": "--", "label": "rms deviation by the filter"}
-    lower.plot(way[has_deviation], deviation[has_deviation], linewidth=1.4, **style)
+    lower.plot(way, profile[:, 5], linewidth=1.8, label=runs, color=ESTIMATED)
+    lower.fill_between(
+        way, low, high, alpha=0.2, linewidth=0, label="error, 10 to 90 %", color=ESTIMATED
+    )
+    lower.plot(
+        way[has_deviation],
+        deviation[has_deviation],
+        linewidth=1.4,
+        color=FILTER,
+        linestyle="--",
+        label="rms deviation by the filter",
+    )
     top = 1.1 * max(float(high.max()), float(deviation[has_deviation].max(initial=0.0)))
     if top > LOST_DISTANCE / 2:
         lower.axhline(LOST_DISTANCE, color="0.5", linewidth=0.8, zorder=0)
-        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
-        style = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
         lower.annotate(
-            LOST_SHORT_TEXT, (0, LOST_DISTANCE), (4, 2), textcoords="offset points", **style
+            LOST_SHORT_TEXT,
+            (0, LOST_DISTANCE),
+            (4, 2),
+            textcoords="offset points",
+            ha="left",
+            va="bottom",
+            fontsize="small",
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1},
         )
     lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top), ylabel="position [m]")
-    style = {"bbox_to_anchor": (0.5, 1.0), "frameon": False, "fontsize": "small"}
-    lower.legend(loc="lower center", ncols=3, **style)
+    lower.legend(
+        loc="lower center", ncols=3, bbox_to_anchor=(0.5, 1.0), frameon=False, fontsize="small"
+    )
     recorded = Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded")
     estimated = Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs")
     figure.key([recorded, estimated], ncols=2, at="upper center")
@@ -243,21 +256,19 @@ def replay_figure(replay: Replay) -> Figure:
 
 
 def trajectory_figure(drive_trajectory: Trajectory) -> Figure:
-    """The trajectory over the map, coloured by its deviation, and that along the way.
+    """Draw a trajectory on its map, coloured by standard deviation, and the deviation along it.
 
-    Crosses are poses that are not to be trusted, and the thin line is the log's own poses.
+    Crosses mark doubtful poses; the thin line shows the poses of the log.
 
     Parameters
     ----------
     drive_trajectory : Trajectory
-        What `smooth` returned, with its map.
+        The result of `smooth`, with its map.
     """
-    assert drive_trajectory.grid is not None  # else it is not drawable
-    xy, deviation, doubtful = (
-        drive_trajectory.poses[:, :2],
-        100 * drive_trajectory.deviation,
-        ~drive_trajectory.is_trusted,
-    )
+    assert drive_trajectory.grid is not None  # `drawable` is False without a map
+    xy = drive_trajectory.poses[:, :2]
+    deviation = 100 * drive_trajectory.deviation
+    doubtful = ~drive_trajectory.is_trusted
     scan_count = f"{len(drive_trajectory):,} scans"
     figure, upper, lower = _make_drive_axes(
         drive_trajectory.grid, drive_trajectory.poses, drive_trajectory.drive, scan_count
@@ -283,52 +294,60 @@ def trajectory_figure(drive_trajectory: Trajectory) -> Figure:
     lower.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="position [cm]")
     lower.set_ylim(bottom=deviation.min() / 5)  # by chance some poses are the log's own
     label_with_plain_numbers(lower.yaxis)
-    crosses: dict[str, Any] = {"color": FILTER, "linestyle": ""}
     handles = [
         Line2D([], [], color="0.5", linewidth=4, label="trajectory"),
         Line2D([], [], color=RECORDED, linewidth=0.8, label="log's own poses; their distance"),
         Line2D([], [], color=PREDICTED, linewidth=1.8, label="std. dev. of the position"),
     ]
     if doubtful.any():
-        handles.append(Line2D([], [], marker="x", label="not to be trusted", **crosses))
+        handles.append(
+            Line2D([], [], marker="x", label="not to be trusted", color=FILTER, linestyle="")
+        )
     if drive_trajectory.jumps:
-        handles.append(Line2D([], [], marker="o", mfc="none", label="odometry jumps", **crosses))
+        handles.append(
+            Line2D(
+                [], [], marker="o", mfc="none", label="odometry jumps", color=FILTER, linestyle=""
+            )
+        )
     figure.key(handles, ncols=2, at="upper center")
     return _add_sentences(figure, *drive_trajectory.sentences)
 
 
-CLOSE = 4.5
-"""Width of that map [inch]."""
+CLOSE_UP_WIDTH = 4.5
+"""Width of the map around the robot [inch]."""
 DEVIATIONS = 2.0
-"""Deviations at which ellipses are drawn."""
+"""Size of the ellipses in standard deviations."""
 
 
 def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> Figure:
-    """The map with the scan at the best mode, and the other modes, numbered, with their weights.
+    """Draw the map with the scan at the best mode, and all modes with numbers and weights.
 
-    Ellipses show the deviations of the positions. Where the robot sees but a part of the map, its
-    surroundings are shown beside it.
+    Ellipses show the standard deviations of the positions. If the robot sees only a small part of
+    the map, its surroundings are drawn separately.
 
     Parameters
     ----------
     location : Location
-        A located scan, as `locate` returns it.
+        The result of `locate`.
     recorded : (3,) array, optional
-        Another pose x, y, heading to show, such as the recorded one [m, m, rad]; none by default.
+        Another pose x, y, heading to draw, such as the recorded one [m, m, rad].
     """
     grid, best = location.grid, location.best
     width, height = compute_figure_size(grid)
     on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
     ends = place_ends(on_robot, np.array([best.pose]))[0]
     end_distances = np.hypot(*(ends - np.array(best.pose[:2])).T)
-    # Minimum distance from the robot to the edges of that map [m].
+    # Minimum distance from the robot to the edges of the close-up [m].
     reach = max(4.0, 1.1 * float(np.nanquantile(end_distances, 0.95)))
-    # Share of the map's width from which on the surroundings of the robot get no map of their own.
+    # A close-up is drawn only if it is clearly smaller than the map.
     columns = 2 if 2 * reach < 0.6 * max(grid.shape) * grid.resolution else 1
     figure = Picture(
-        figsize=(width + (columns - 1) * CLOSE, max(height, CLOSE) + 1.2), layout="constrained"
+        figsize=(width + (columns - 1) * CLOSE_UP_WIDTH, max(height, CLOSE_UP_WIDTH) + 1.2),
+        layout="constrained",
     )
-    axes = figure.subplots(1, columns, squeeze=False, width_ratios=(width, CLOSE)[:columns])[0]
+    axes = figure.subplots(
+        1, columns, squeeze=False, width_ratios=(width, CLOSE_UP_WIDTH)[:columns]
+    )[0]
     for map_axes in axes:
         draw_map(map_axes, grid)
         map_axes.plot(*ends.T, ".", color=style.VERMILION, markersize=3, zorder=4)
@@ -342,7 +361,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
         close.set_title("around place 1", fontsize="medium", loc="left")
         _draw_arrow(close, best.pose, style.VERMILION)
     low, high = close.get_xlim()
-    # Ellipses are so much larger that that of the best mode has this share of the map's width.
+    # The ellipse of the best mode takes 8 % of the map's width.
     magnify = max(1.0, float(f"{0.08 * (high - low) / (DEVIATIONS * best.position_std):.1g}"))
     larger = "" if magnify == 1 else f", {magnify:g} times as large"
     for map_axes in axes:
@@ -385,7 +404,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
 
 
 def _draw_modes(axes: Axes, location: Location) -> None:
-    """Draw the modes, the best one last, each with its number at one side or the other."""
+    """Draw the modes, the best one last, with their numbers on alternating sides."""
     for n, mode in reversed(list(enumerate(location.modes, 1))):
         colour = style.VERMILION if n == 1 else style.BLUE
         _draw_arrow(axes, mode.pose, colour)
@@ -395,7 +414,7 @@ def _draw_modes(axes: Axes, location: Location) -> None:
 
 
 def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> None:
-    """Draw a pose as a dot with an arrow of its heading, of one size at any scale."""
+    """Draw a pose as a dot with an arrow along its heading; the size does not depend on scale."""
     x, y, heading = pose
     axes.plot(x, y, "o", color=colour, markersize=6, markeredgecolor="white", zorder=6)
     ahead = 20 * math.cos(heading), 20 * math.sin(heading)
@@ -404,15 +423,15 @@ def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> No
 
 
 def located_drive_figure(located_drive: LocatedDrive) -> Figure:
-    """The recorded drive over the map, with what each scan by itself was located as.
+    """Draw the recorded drive on the map, and whether each scan was located correctly.
 
-    Scans that are located elsewhere are joined to the place where they were found. The only scan is
+    Lines connect wrongly located scans with the place where they were found. A single scan is
     drawn by `locate_figure`.
 
     Parameters
     ----------
     located_drive : LocatedDrive
-        What `locate_drive` returned.
+        The result of `locate_drive`.
     """
     if located_drive.single_location:
         recorded = located_drive.recording.poses[0] if located_drive.recording.has_poses else None
@@ -425,7 +444,7 @@ def located_drive_figure(located_drive: LocatedDrive) -> Figure:
     )
     is_located = np.isfinite(poses[:, 0])
     drive = located_drive.recording.poses[:, :2]
-    if not located_drive.recording.has_poses:  # then the best places are drawn by themselves
+    if not located_drive.recording.has_poses:  # only the best places can be drawn
         drive, right = np.where(is_located[:, None], poses, 0.0), is_located
     drive_paths = [
         Path(
@@ -446,16 +465,24 @@ def located_drive_figure(located_drive: LocatedDrive) -> Figure:
         ("too few returns", ~is_located & located_drive.recording.has_poses, "x", "0.4"),
     ]
     error_lines = list(np.stack([drive[wrong], poses[wrong]], axis=1))
-    dotted: dict[str, Any] = {"linewidths": 0.8, "linestyles": "dotted", "zorder": 3}
-    axes.add_collection(LineCollection(error_lines, colors=style.VERMILION, **dotted))
+    axes.add_collection(
+        LineCollection(
+            error_lines, colors=style.VERMILION, linewidths=0.8, linestyles="dotted", zorder=3
+        )
+    )
     axes.plot(*poses[wrong].T, "+", color=style.VERMILION, markersize=7, zorder=4)
     for label, is_kind, marker, colour in kinds:
         if is_kind.any():
             face = "white" if "alike" in label else colour
             text = label if located_drive.recording.has_poses else label.removeprefix("right, ")
-            marker_style: dict[str, Any] = {"label": f"{text}: {int(is_kind.sum())}", "zorder": 5}
             axes.plot(
-                *drive[is_kind].T, marker, color=colour, mfc=face, markersize=5, **marker_style
+                *drive[is_kind].T,
+                marker,
+                color=colour,
+                mfc=face,
+                markersize=5,
+                label=f"{text}: {int(is_kind.sum())}",
+                zorder=5,
             )
     if wrong.any():
         axes.plot([], [], "+", color=style.VERMILION, label="where they were found")
@@ -467,7 +494,7 @@ def located_drive_figure(located_drive: LocatedDrive) -> Figure:
 
 
 def _make_map_axes(grid: OccupancyGrid, extra_height: float) -> tuple[Picture, Axes]:
-    """A figure with Axes on which the map is drawn, so much higher than it [inch]."""
+    """Make a figure with a map on its Axes, and extra height for the legend [inch]."""
     width, height = compute_figure_size(grid)
     figure = Picture(figsize=(width, height + extra_height), layout="constrained")
     axes = figure.add_subplot()

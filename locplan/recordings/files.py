@@ -1,4 +1,4 @@
-"""`read_recording`, which reads recordings of all kinds, and the project's own file, an .npz."""
+"""Reading recordings of all formats, and writing locplan's .npz format."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from locplan._support.saved import decode_tree
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.recordings.bags import SUFFIXES as BAGS, read_bag
 from locplan.recordings.carmen import SUFFIXES as CARMEN, read_carmen
-from locplan.recordings.logs import ReadOptions, RecordingSource, LogTopics
+from locplan.recordings.logs import LogTopics, ReadOptions, RecordingSource
 from locplan.recordings.recording import Recording
 
 MAX_ARRAY_BYTES = 2**28
-"""Maximum size of a file's arrays together, unpacked; reading takes some six times as much."""
+"""Maximum total size of a file's unpacked arrays; reading takes about six times this memory."""
 BUILT_IN = ("two_corridors",)
 """Names of the built-in recordings, each of a drive in the built-in map of this name."""
 BUILT_IN_FOLDER = Path(__file__).parent / "drives"
 NO_RETURN_MM = 65535
-"""No return among ranges in whole millimetres, uint16."""
+"""Code for no return among ranges in millimetres, uint16."""
 
 
 def read_recording(
@@ -47,26 +47,26 @@ def read_recording(
     """Read a recorded drive: a bag of ROS 1 or 2, a CARMEN log, an .npz file, or a built-in one.
 
     Bags (.bag, .mcap, .db3, or a folder of rosbag2) are read by PyPI's rosbags, without ROS. Topics
-    are found by their type. Poses are those of TF from the map to the robot; where TF does not
-    lead there, those of the only topic of PoseWithCovarianceStamped (as AMCL's), PoseStamped (as of
-    motion capture), or Odometry in the map's frame. Without any of them they are those of odometry
-    in its own frame, as `trajectory_of` needs them. They are interpolated at the stamps of the
-    scans, but not over more than a second of motion; those of AMCL are carried there by odometry if
-    there is some. Scans without a pose are left out. The motion of the robot during a scan is not
-    undone. AMCL dates its transform ahead by transform_tolerance:
-    ``topics=Topics(pose_topic="/amcl_pose")`` gives the poses of the scans that it matched. The
-    lidar's mount comes from TF; one that is mounted upside down has its beams reversed. Scans are
-    read in a first pass, poses in others: memory is taken by what is kept, not by the bag.
+    are found by type. Poses come from TF between map and robot. If TF does not connect them, poses
+    come from the only topic of type PoseWithCovarianceStamped (such as AMCL's), PoseStamped (such
+    as motion capture), or Odometry in the map's frame. Otherwise, poses come from odometry in the
+    odometry frame, which is sufficient for `study_recording`. Poses are interpolated at the stamps
+    of the scans, but not over more than a second of motion; odometry carries poses of AMCL to the
+    scans. Scans without a pose are dropped. The motion of the robot during a scan is not corrected.
+    AMCL dates its transform ahead by transform_tolerance:
+    ``topics=LogTopics(pose_topic="/amcl_pose")`` reads the poses of the scans that AMCL matched.
+    The lidar's mount comes from TF; the beams of an upside-down lidar are reversed. Bags are read
+    in several passes, so that large bags fit into memory.
 
-    Logs of CARMEN (.log, .clf, also .gz) are read in the order of their lines, ODOM and FLASER or
-    ROBOTLASER1. FLASER does not tell its angles: the beams are taken to begin at -90 deg, 180 deg
-    by an even number of steps. Nor does it tell its range: readings that pile up at the largest are
-    taken for no return.
+    Logs of CARMEN (.log, .clf, also .gz) are read line by line: ODOM and FLASER or ROBOTLASER1.
+    FLASER lines lack angles: beams are assumed to begin at -90 deg and to cover 180 deg by an even
+    number of steps. They lack the lidar's range as well: many equal readings at the maximum count
+    as no return.
 
-    The project's own file, .npz, is what `Recording.save` writes. Other programs can write it: it
-    has arrays ``ranges`` (scans, beams) [m], or uint16 in millimetres with 65535 for no return,
+    The .npz format is written by `Recording.save`, and other programs can write it. It has the
+    arrays ``ranges`` (scans, beams) [m], or uint16 in millimetres with 65535 for no return,
     ``poses`` (scans, 3) [m, m, rad], ``lidar``, a text of JSON with the fields of `locplan.Lidar`,
-    and if known ``times`` (scans,) [s], ``odometry`` (scans, 3) and ``speeds`` (scans,) [m/s].
+    and optionally ``times`` (scans,) [s], ``odometry`` (scans, 3) and ``speeds`` (scans,) [m/s].
 
     "two_corridors" is a simulated drive in the built-in map of this name.
 
@@ -75,36 +75,35 @@ def read_recording(
     file : path
         The file, the folder of a bag, or the name of a built-in recording.
     every : int, default 1
-        Keep every n-th scan, n >= 1. Raise it for a long drive, whose neighbouring scans tell the
-        same.
+        Keep every n-th scan, n >= 1. Raise it for long drives with dense scans.
     window : (start, end), optional
         Keep the scans of a part of the drive, from `start` up to `end` after its beginning [s],
         0 <= start < end; all by default.
-    topics : Topics, optional
-        Topics and frames, where a log has several, or others than usual. Not for .npz.
+    topics : LogTopics, optional
+        Topics and frames, if a log has several, or has unusual names. Not for .npz.
     range_limits : (min, max), optional
-        Distances between which a beam's reading is a return [m], 0 <= min < max, where the
-        log's own are wrong.
+        Distances between which a beam's reading is a return [m], 0 <= min < max; by default the
+        limits in the log.
     mount : (x, y, yaw), optional
-        Pose of the lidar on the robot [m, m, rad], where the log does not tell it.
+        Pose of the lidar on the robot [m, m, rad], if the log lacks it.
     needs_poses : bool, default True
-        False reads a bag without poses on the map, too, for `locate_drive`: then all poses of the
-        recording are NaN.
+        If False, also read a bag without poses on the map, for `locate_drive`: all poses of the
+        recording are NaN then.
     progress : callable, optional
         Called with (done, total) messages of a bag, in each pass.
 
     Returns
     -------
     Recording
-        The drive. Its `source` says what was used, assumed and left out.
+        The drive. Its `source` lists the topics, assumptions and dropped data.
 
     Raises
     ------
     ConfigError
-        If an option is out of its range, or does not belong to this kind of file.
+        If an option is out of range, or does not apply to this file format.
     RecordingError
-        If the file cannot be read, has no scans or poses, frames are not connected, there are
-        several topics to choose from, or a bag's clock runs backwards.
+        If the file cannot be read, has no scans or poses, has unconnected frames or several
+        candidate topics, or its clock runs backwards.
     LocplanError
         If the package rosbags is missing.
 
@@ -113,9 +112,19 @@ def read_recording(
     >>> read_recording("two_corridors", every=5)
     Recording(two_corridors, 199 scans of 121 beams, 94.01 m, with odometry)
     """
-    limits: Any = {"window": window, "range_limits": range_limits, "mount": mount}
-    limits["needs_poses"] = needs_poses
-    options = ReadOptions(every=every, **vars(topics or LogTopics()), **limits)
+    topics = topics or LogTopics()
+    options = ReadOptions(
+        every=every,
+        window=window,
+        range_limits=range_limits,
+        mount=mount,
+        needs_poses=needs_poses,
+        scan_topic=topics.scan_topic,
+        pose_topic=topics.pose_topic,
+        odom_topic=topics.odom_topic,
+        map_frame=topics.map_frame,
+        base_frame=topics.base_frame,
+    )
     path = check_file_path("a recorded drive", file)
     try:
         return _read_file(path, options, progress)
@@ -126,7 +135,7 @@ def read_recording(
 
 
 def _read_file(path: Path, options: ReadOptions, progress: ProgressCallback | None) -> Recording:
-    """Return the recording of a file, whose reader is chosen by the end of its name."""
+    """Read a recording with the reader for the file's suffix."""
     name = path.name.lower()
     if _is_built_in(path):
         return _read_npz(BUILT_IN_FOLDER / f"{path}.npz", options)
@@ -151,7 +160,7 @@ def _is_built_in(path: Path) -> bool:
 
 
 def save_recording(recording: Recording, target: str | os.PathLike[str]) -> None:
-    """Write a recording as .npz, whole or not at all."""
+    """Write a recording as .npz; a failed write leaves no partial file."""
     path = check_file_path("a file to write", target)
     if path.suffix != ".npz":
         raise RecordingError(f"{path}: must end in .npz")
@@ -160,7 +169,7 @@ def save_recording(recording: Recording, target: str | os.PathLike[str]) -> None
 
 
 def _read_npz(path: Path, options: ReadOptions) -> Recording:
-    """Return the recording of an .npz file; a RecordingError if it is damaged, or holds none."""
+    """Read an .npz file; raise a RecordingError if it is damaged or holds no recording."""
     options.refuse_unused("an .npz file", of_robot=False)
     names = ("ranges", "poses", "times", "odometry", "speeds", "lidar", "source")
     try:
@@ -198,7 +207,7 @@ def _read_npz(path: Path, options: ReadOptions) -> Recording:
 
 
 def _parse_entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
-    """The entries of a text of JSON in an array."""
+    """Parse the JSON object in a text array."""
     try:
         values = parse_json(str(text))
     except ValueError:
@@ -211,6 +220,7 @@ def _parse_entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
 
 
 def _write_npz(drive: Recording, target: Path) -> None:
+    """Write a recording as .npz, with ranges in millimetres if that is exact."""
     ranges: NDArray[Any] = drive.ranges
     millimetres = np.where(np.isfinite(ranges), np.rint(ranges * np.float64(1000)), NO_RETURN_MM)
     returns = np.isfinite(ranges)

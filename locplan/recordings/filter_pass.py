@@ -1,4 +1,4 @@
-"""A particle filter along a recorded drive: it finds itself anywhere, and samples trajectories."""
+"""Particle filter along a recorded drive with global localization, which samples trajectories."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from locplan.recordings.matching import ScanDatabase, ScanOnMap
 SMOOTH = 19
 """Stream of random numbers of the smoother."""
 PARTICLES, MAX_PARTICLES = 3000, 60_000
-"""Number of particles, and the maximum if they fit badly."""
+"""Number of particles, and maximum number if they fit badly."""
 TRAJECTORIES = 16
 """Number of sampled trajectories."""
 BEAMS = 15.0
-"""Number of independent beams that a scan counts as when particles compete."""
+"""Number of independent beams of a scan in the weights of particles."""
 SIGMA, ANYWHERE = 0.15, 0.1
-"""Deviation of beams' ends from walls in the filter [m], and share of ends anywhere."""
+"""Standard deviation of beams' ends from walls in the filter [m], and share of ends anywhere."""
 UNEXPLAINED = -1.0
-"""Log-likelihood a beam below which the map does not explain a scan, which then says nothing."""
+"""Log-likelihood per beam below which a scan does not match the map and is ignored."""
 FAR_FROM_WALLS = 2.0
-"""Maximum distance from walls that counts [m]."""
+"""Bound on the distance from walls [m]."""
 BLOCK = 64
 """Number of scans after which intermediate results are saved."""
 
@@ -49,7 +49,7 @@ class Walls:
 
     @cached_property
     def distances(self) -> Any:
-        """Distances of the cells' centres from the walls', up to 2 m, as the kernels take them."""
+        """Distances of cells from walls, up to 2 m, in the form of the kernels."""
         import cv2
 
         from locplan._support.kernels.particles import BeamScores
@@ -63,19 +63,22 @@ class Walls:
 
     @cached_property
     def scores(self) -> Any:
-        """Log-likelihoods of beams' ends, as coarse as a filter needs them."""
+        """Log-likelihoods of beams' ends in the filter, in the form of the kernels."""
         hit = (1 - ANYWHERE) * np.exp(-0.5 * (self.distances.values / SIGMA) ** 2)
         return self.distances._replace(values=np.log(hit + ANYWHERE).astype(np.float32))
 
     @property
     def kidnap_density(self) -> float:
-        """Density of a robot that was carried to any pose [1 / (m^2 rad)]."""
+        """Probability density of a robot that is carried to any pose [1 / (m^2 rad)]."""
         area = float(self.grid.free.sum()) * self.grid.resolution**2
         return 1e-12 / (2 * math.pi * area)
 
 
 def beam_model(sigma: float, effective: float) -> Any:
-    """Return how the kernels score a scan: `effective` beams whose ends err by `sigma` [m]."""
+    """Make the likelihood model of a scan for the kernels.
+
+    `effective` is the number of independent beams, `sigma` their standard deviation [m].
+    """
     from locplan.recordings.kernels.least_squares import Beams
 
     return Beams(sigma, ANYWHERE, effective, UNEXPLAINED)
@@ -87,17 +90,17 @@ class FilterPass:
 
     walls: Walls
     database: ScanDatabase
-    """Scans of the whole map, with which a lost filter finds itself."""
+    """Scans at all places of the map, for global localization."""
     ranges: NDArray[np.float32]
     """The scans, (k, beams) [m]; infinite without a return."""
     ends: Floats
-    """Ends of some beams on the robot, (k, b, 2) [m]; NaN without a return."""
+    """Ends of selected beams in the robot's frame, (k, b, 2) [m]; NaN without a return."""
     ways: Floats
-    """The way to each scan by odometry, (k, 3) [m, m, rad]."""
+    """Motion to each scan by odometry, (k, 3) [m, m, rad]."""
     deviations: Floats
-    """Scales of its errors, (k, 3) [m, m, rad]."""
+    """Scales of the errors of odometry, (k, 3) [m, m, rad]."""
     start: Floats | None
-    """The first pose on the map [m, m, rad]; None if it is not known."""
+    """The first pose on the map [m, m, rad]; None if it is unknown."""
     seed: int
     number: int
     """Number of the pass, for its random numbers and files."""
@@ -105,7 +108,7 @@ class FilterPass:
     def sample_trajectories(self, folder: Path | None, progress: ProgressCallback) -> Floats:
         """Run the filter, and sample trajectories from its particles, (16, k, 3).
 
-        `folder` keeps intermediate results: an interrupted pass resumes from them.
+        Intermediate results are saved in `folder`, so that an interrupted pass resumes.
         """
         from locplan.recordings.kernels.trajectory import sample_backwards
 
@@ -129,11 +132,11 @@ class FilterPass:
     def _update(
         self, k: int, cloud: Singles, earlier_fits: Floats, n_poor: int
     ) -> tuple[Singles, float]:
-        """Move the particles of a cloud to scan `k`, and draw them by how well they fit.
+        """Move a cloud of particles to scan `k`, weigh it by the scan, and resample it.
 
-        If they fit badly, more particles are tried. If these fit badly as well, the whole map is
-        searched. `n_poor` is the number of scans before that fit badly without interruption.
-        Returns the new cloud and its best fit.
+        If no particle fits, more particles are tried, then the whole map is searched. `n_poor` is
+        the number of consecutive previous scans with a poor fit. Returns the new cloud and its
+        best fit.
         """
         from locplan.recordings.kernels.trajectory import resample_evenly
 
@@ -144,23 +147,23 @@ class FilterPass:
             weights = _weigh(fits)
             effective = weights.sum() ** 2 / (weights**2).sum()
             is_poor = fits.max() < poor
-            # So many effective particles suffice.
+            # 150 effective particles suffice.
             if k == 0 or (effective >= 150.0 and not is_poor):
                 break
-        # A scan that no particle explains, or the third one that fits badly.
+        # Search the whole map at every third poor scan, and if no particle explains the scan.
         if k and is_poor and (n_poor % 3 == 2 or fits.max() < UNEXPLAINED):
             map_poses, count = self._draw_anywhere(random, k, 1000), poses.shape[1]
             poses = np.ascontiguousarray(np.concatenate([poses, map_poses], axis=1))
             fits = np.concatenate([fits, self._compute_fits(k, map_poses)])
             weights = _weigh(fits)
-            # Poses from the whole map weigh little next to the particles.
+            # Poses from the whole map have a low prior.
             weights[count:] *= math.exp(-14.0) * count / map_poses.shape[1]
         new_cloud = np.empty_like(cloud)
         resample_evenly(random, poses, weights, new_cloud)
         return new_cloud, fits.max()
 
     def _predict(self, random: np.random.Generator, k: int, cloud: Singles, size: int) -> Floats:
-        """Draw poses at scan `k` from a cloud at the scan before, (3, size)."""
+        """Predict poses at scan `k` from the cloud at the previous scan, (3, size)."""
         from locplan.recordings.kernels.trajectory import spread_particles
 
         if k == 0:
@@ -170,25 +173,25 @@ class FilterPass:
         return poses
 
     def _compute_fits(self, k: int, poses: Floats) -> Floats:
-        """Compute log-likelihoods a beam of a scan at poses (3, m), (m,); 0 with few returns."""
+        """Compute log-likelihoods per beam of a scan at poses (3, m), (m,); 0 with few returns."""
         from locplan._support.kernels.particles import add_scores
 
         ends, sums = self.ends[k] / self.walls.grid.resolution, np.zeros(poses.shape[1])
         returns = int(np.isfinite(ends[:, 0]).sum())
-        # A scan of fewer returns says nothing.
+        # Scans with fewer returns are ignored.
         if returns >= 5:
             add_scores(self.walls.scores, ends, poses, poses.shape[1], sums)
         return sums / max(returns, 1)
 
     def _draw_first(self, random: np.random.Generator) -> Floats:
-        """Draw particles about the first pose, or where its scan may have been taken, (3, m)."""
+        """Draw particles around the first pose, or from the whole map, (3, m)."""
         if self.start is None:
             return self._draw_anywhere(random, 0, 2 * PARTICLES)
         errors = random.standard_normal((2 * PARTICLES, 3)) * (0.5, 0.5, math.radians(10))
         return np.ascontiguousarray((self.start + errors).T)
 
     def _draw_anywhere(self, random: np.random.Generator, k: int, size: int) -> Floats:
-        """Draw poses of the whole map that explain a scan, or any if it says too little, (3, m)."""
+        """Draw poses from the whole map that explain a scan, or random poses, (3, m)."""
         places, resolution = self.database.full_database, self.walls.grid.resolution
         ranges = places.matching.select_ranges(self.ranges[[k]].astype(np.float64))[0]
         modes = ScanOnMap(places, ranges).find_modes()
@@ -228,7 +231,7 @@ class FilterPass:
 
     @cached_property
     def _key(self) -> str:
-        """Digest of all that the pass depends on, which keeps blocks of other drives out."""
+        """Digest of all inputs of the pass, which identifies its saved blocks."""
         digest = hashlib.sha256(repr((self.walls.grid.digest, self.seed)).encode())
         for array in (self.ranges, self.ends, self.ways, self.deviations, self.start):
             digest.update(b"-" if array is None else array.tobytes())
@@ -236,11 +239,11 @@ class FilterPass:
 
 
 def _weigh(fits: Floats) -> Floats:
-    """Return the weights of particles by their log-likelihoods a beam."""
+    """Compute the weights of particles from their log-likelihoods per beam."""
     return np.asarray(np.exp(BEAMS * np.maximum(fits, UNEXPLAINED)))
 
 
 def _poor_fit(best_fits: Floats) -> float:
-    """Return the fit below which a scan fits badly, by the best fits of the scans before."""
+    """Compute the threshold of a poor fit from the best fits of previous scans."""
     finite_fits = best_fits[np.isfinite(best_fits)]
     return max(-0.8, float(np.median(finite_fits)) - 0.35) if len(finite_fits) > 10 else -0.8

@@ -1,4 +1,4 @@
-"""Global localization: the poses of a whole map that explain one scan, or those near a route."""
+"""Global localization: find the poses that explain one scan, on a whole map or near a route."""
 
 from __future__ import annotations
 
@@ -51,18 +51,17 @@ if TYPE_CHECKING:
 
 
 CERTAIN = 3.0
-"""Excess of the second place from which on the best one is certain [nats]."""
+"""Minimum excess of the second place for a certain location [nats]."""
 NEAR, MAX_TURN = 0.3, float(np.radians(3.0))
-"""Distance [m] and angle [rad] from the recorded pose up to which a scan is located rightly."""
+"""Maximum distance [m] and angle [rad] of a correct location from the recorded pose."""
 AGREE = 0.5
-"""Share of the certain scans that are right, or of all that fit, below which the recorded poses
-seem to be of another map."""
+"""Minimum share of correct locations among certain ones, and of fitting scans, to trust the map."""
 
 
 def format_drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
-    """Return how many scans are located, and whether the certain ones are right.
+    """Return a text with the number of located scans, and of correct ones among the certain ones.
 
-    The masks are those of `LocatedDrive`; without recorded poses no scan is known to be right.
+    The masks are fields of `LocatedDrive`; `right` is None without recorded poses.
     """
     count = len(certain)
     limits = f"{NEAR:g} m and {np.degrees(MAX_TURN):.0f}°"
@@ -91,17 +90,17 @@ def format_drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> s
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mode:
-    """A pose that explains a scan, better than all poses around it."""
+    """A locally best pose of a scan."""
 
     pose: tuple[float, float, float]
     """x, y, heading in the world [m, m, rad]."""
     weight: float
-    """Share of the posterior, of exp(-loss) over all modes, 0..1."""
+    """Share of exp(-loss) among all modes, 0..1."""
     excess: float
-    """How much worse it explains the scan than the best mode does, >= 0 [nats]."""
+    """Excess of the loss over the best mode, >= 0 [nats]."""
     covariance: Floats
-    """Covariance of the pose in the world, (3, 3) [m, m, rad], as that of `match_scans`: the
-    posterior over +-1.5 m and +-4 deg about the pose."""
+    """Covariance of the pose in the world, (3, 3) [m, m, rad], of the posterior over +-1.5 m and
+    +-4 deg around the pose, as in `match_scans`."""
 
     def __repr__(self) -> str:
         x, y, heading = self.pose
@@ -131,6 +130,7 @@ WEIGHT = Column("weight", "", "weight", 0, "%")
 
 
 def _make_covariance_getter(row: int, col: int) -> Callable[[Mode], float]:
+    """Make a function that returns an entry of a mode's covariance."""
     return lambda mode: float(mode.covariance[row, col])
 
 
@@ -148,22 +148,22 @@ MODES = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Location(DrawableResult):
-    """Where a robot may be that has taken one scan, from `locate`."""
+    """Location of a robot by one scan: all poses that explain it. The result of `locate`."""
 
     grid: OccupancyGrid
     """The map."""
     lidar: Lidar
-    """The lidar that took the scan."""
+    """The lidar of the scan."""
     ranges: Floats
-    """The scan: distances along the lidar's beams, (beams,) [m], inf without a return."""
+    """The scan: distances along the lidar's beams, (beams,) [m]; inf without a return."""
     modes: tuple[Mode, ...]
-    """The poses that explain it, the best first."""
+    """Poses that explain the scan, the best first."""
     second_excess: float
-    """Excess of the second best place [nats]; infinite if none is within 8 nats."""
+    """Excess of the second best place [nats]; infinite if there is none within 8 nats."""
     explained_share: float
-    """Share of the returns that end within two deviations of a wall at the best pose, 0..1."""
+    """Share of returns within two standard deviations of a wall at the best pose, 0..1."""
     is_restricted: bool
-    """True if only places near a route were looked at."""
+    """True if only places near a route were searched."""
 
     def __repr__(self) -> str:
         return f"Location({self.best!r}, second {self.second_excess:.1f} nats)"
@@ -175,22 +175,23 @@ class Location(DrawableResult):
 
     @property
     def is_certain(self) -> bool:
-        """True if every other place explains the scan worse by more than 3 nats."""
+        """True if all other places have an excess of over 3 nats."""
         return self.second_excess > CERTAIN
 
     @property
     def fits(self) -> bool:
-        """True if three of five returns end at walls of the map at the best pose."""
+        """True if at least 60 % of the returns end at walls of the map at the best pose."""
         return self.explained_share >= 0.6
 
     @property
     def sentence(self) -> str:
-        """Where the robot is, or which places look alike."""
+        """Sentence for people: the location, or the similar places."""
         region_text = " near the route" if self.is_restricted else ""
         similar_modes = [mode for mode in self.modes if mode.excess <= CERTAIN]
         if self.is_certain:
             text = (
-                f"The robot is at {_format_place(self.best)} (± {100 * self.best.position_std:.0f} cm,"
+                f"The robot is at {_format_place(self.best)} (±"
+                f" {100 * self.best.position_std:.0f} cm,"
                 f" {math.degrees(self.best.heading_std):.1f}°): no other place{region_text}"
                 " explains the"
                 f" scan within {CERTAIN:g} nats."
@@ -201,7 +202,7 @@ class Location(DrawableResult):
             place_list = f"{', '.join(mode_texts[:-1])} and {mode_texts[-1]}"
             text = f"{count} places{region_text} look alike: {place_list}."
         else:
-            # Sum of weights from which on none is left out.
+            # The weights sum up to 1 unless modes were dropped.
             cut = sum(mode.weight for mode in self.modes) < 1 - 1e-9
             count_suffix = "or more " if cut and len(similar_modes) == len(self.modes) else ""
             text = (
@@ -212,26 +213,25 @@ class Location(DrawableResult):
         if self.fits:
             return text
         return (
-            f"{text} Careful: only {self.explained_share:.0%} of the returns end at walls there: people,"
+            f"{text} Careful: only {self.explained_share:.0%} of the returns end at"
+            f" walls there: people,"
             " changes, or the map of another place."
         )
 
     def table(self) -> Table:
-        """The poses that explain the scan, the best first."""
+        """Return a row per mode, the best first."""
         return Table.from_records(MODES, self.modes, number="place")
 
     def figure(self, *, recorded: ArrayLike | None = None) -> Figure:
-        """The map with the scan at the best mode, and the other modes, numbered, with their
-        weights.
+        """Draw the map with the scan at the best mode, and all modes with numbers and weights.
 
-        Ellipses show the deviations of the positions. Where the robot sees but a part of the map,
-        its surroundings are shown beside it.
+        Ellipses show the standard deviations of the positions. If the robot sees only a small part
+        of the map, its surroundings are drawn separately.
 
         Parameters
         ----------
         recorded : (3,) array, optional
-            Another pose x, y, heading to show, such as the recorded one [m, m, rad]; none by
-            default.
+            Another pose x, y, heading to draw, such as the recorded one [m, m, rad].
         """
         from locplan.recordings.figures import locate_figure
 
@@ -239,7 +239,7 @@ class Location(DrawableResult):
 
 
 def _format_place(mode: Mode) -> str:
-    """Text of a pose, without -0."""
+    """Format the pose of a mode, without -0."""
     x, y, heading = mode.pose
     turn = round(math.degrees(heading)) + 0.0
     return f"{round(x, 2) + 0.0:.2f},{round(y, 2) + 0.0:.2f} m, {turn:.0f}°"
@@ -261,7 +261,7 @@ SCANS = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LocatedDrive(Result):
-    """The scans of a recorded drive, each located by itself, from `locate_drive`."""
+    """Locations of the single scans of a recorded drive. The result of `locate_drive`."""
 
     files: ClassVar[ResultFiles] = ResultFiles(
         "located",
@@ -274,11 +274,11 @@ class LocatedDrive(Result):
     )
 
     recording: Recording
-    """The scans, with their recorded poses if there are any."""
+    """The scans, with recorded poses if there are any."""
     grid: OccupancyGrid
     """The map."""
     locations: tuple[Location | None, ...]
-    """Where each was taken; None where it has too few returns."""
+    """Location of each scan; None for scans with too few returns."""
 
     def __repr__(self) -> str:
         if not self.recording.has_poses:
@@ -290,12 +290,12 @@ class LocatedDrive(Result):
 
     @property
     def single_location(self) -> Location | None:
-        """The location of the only scan; None where there are several."""
+        """The location of a drive with a single scan; otherwise None."""
         return self.locations[0] if len(self) == 1 else None
 
     @property
     def poses(self) -> Floats:
-        """The best pose of each scan in the world, (n, 3) [m, m, rad]; NaN where there is none."""
+        """The best pose of each scan in the world, (n, 3) [m, m, rad]; NaN without a location."""
         missing_pose = (np.nan,) * 3
         return np.array(
             [
@@ -321,7 +321,7 @@ class LocatedDrive(Result):
 
     @property
     def is_certain(self) -> Bools:
-        """Mask of the scans that no second place explains within 3 nats, (n,)."""
+        """Mask of the scans without an alternative place within 3 nats, (n,)."""
         return np.array(
             [
                 scan_location is not None and scan_location.is_certain
@@ -331,19 +331,19 @@ class LocatedDrive(Result):
 
     @property
     def fits(self) -> Bools:
-        """Mask of the scans of which three of five returns end at walls of the map, (n,)."""
+        """Mask of the scans with at least 60 % of the returns at walls of the map, (n,)."""
         return np.array(
             [scan_location is not None and scan_location.fits for scan_location in self.locations]
         )
 
     @property
     def sentence(self) -> str:
-        """How many scans are located, and whether the certain ones are right."""
+        """Sentence for people: how many scans are located, certain, and correct."""
         right = self.is_right if self.recording.has_poses else None
         return format_drive_sentence(self.is_certain, self.fits, right)
 
     def table(self) -> Table:
-        """The scans: where each was taken, and how far that is from the recorded pose."""
+        """Return a row per scan: the best pose, and its distance from the recorded pose."""
         drive, unknown = self.recording, (math.nan,) * 8
         times = np.full(len(drive), np.nan) if drive.times is None else drive.times - drive.times[0]
         recorded_columns = np.column_stack([drive.poses, self.distance, self.turn]).tolist()
@@ -351,14 +351,12 @@ class LocatedDrive(Result):
         for n, scan_location in enumerate(self.locations):
             location_columns = unknown
             if scan_location is not None:
-                best, certainty = (
-                    scan_location.best,
-                    (scan_location.second_excess, scan_location.explained_share),
-                )
+                best = scan_location.best
                 location_columns = (
                     *best.pose,
                     best.weight,
-                    *certainty,
+                    scan_location.second_excess,
+                    scan_location.explained_share,
                     best.position_std,
                     best.heading_std,
                 )
@@ -366,7 +364,7 @@ class LocatedDrive(Result):
         return Table(SCANS, tuple(rows))
 
     def report(self) -> str:
-        """The modes of the only scan, or how many of several are right: text for people."""
+        """Return the modes of a single scan, or the counts of several scans, for people."""
         if self.single_location is None:
             drive = repr(self.recording).removeprefix("Recording(").removesuffix(")")
             missing = sum(scan_location is None for scan_location in self.locations)
@@ -386,6 +384,7 @@ class LocatedDrive(Result):
         return f"{full_table}\n{_wrap_text(f'{self.single_location.sentence} {error_text}')}"
 
     def _format_errors(self) -> list[str]:
+        """Return a sentence on the errors of the correct locations; empty without any."""
         if not self.is_right.any():
             return []
         distances, turn = 100 * self.distance[self.is_right], np.degrees(self.turn[self.is_right])
@@ -402,8 +401,8 @@ class LocatedDrive(Result):
             self.table().write_csv(folder / "scans.csv")
 
     def summary(self) -> dict[str, object]:
-        """The only scan with its modes, or of several the shares that are right, fit for JSON."""
-        header = {"map": self.grid.name, "drive": self.recording.source.file}
+        """Return a single scan with its modes, or the shares of several scans, for JSON."""
+        map_name, drive_name = self.grid.name, self.recording.source.file
         right, certain = self.is_right, self.is_certain
         if self.single_location:
             names = ("x", "y", "heading", "distance", "turn")
@@ -411,7 +410,8 @@ class LocatedDrive(Result):
             recorded = dict(zip(names, map(float, values), strict=True))
             return nan_to_none(
                 {
-                    **header,
+                    "map": map_name,
+                    "drive": drive_name,
                     "sentence": self.single_location.sentence,
                     "certain": self.single_location.is_certain,
                     "second": self.single_location.second_excess,
@@ -423,7 +423,8 @@ class LocatedDrive(Result):
             )
         return nan_to_none(
             {
-                **header,
+                "map": map_name,
+                "drive": drive_name,
                 "sentence": self.sentence,
                 "scans": len(self),
                 "right": float(right.mean()) if self.recording.has_poses else None,
@@ -437,10 +438,10 @@ class LocatedDrive(Result):
         )
 
     def figure(self) -> Figure:
-        """The recorded drive over the map, with what each scan by itself was located as.
+        """Draw the recorded drive on the map, and whether each scan was located correctly.
 
-        Scans that are located elsewhere are joined to the place where they were found. The only
-        scan is drawn by `locate_figure`.
+        Lines connect wrongly located scans with the place where they were found. A single scan is
+        drawn by `locate_figure`.
         """
         from locplan.recordings.figures import located_drive_figure
 
@@ -448,21 +449,23 @@ class LocatedDrive(Result):
 
 
 def _wrap_text(text: str) -> str:
+    """Wrap a text to the width of reports."""
     return textwrap.fill(text, REPORT_WIDTH, break_on_hyphens=False)
 
 
 WITHIN = 3.0
-"""Default distance from a route within which a robot is looked for [m]."""
+"""Default maximum distance from a route [m]."""
 COUNT = 10
-"""Default number of modes that are kept."""
+"""Default maximum number of modes."""
 STEPS, STEP = 5, 0.1
-"""Steps to each side that are tried about a mode, and their length, at least a cell [m]."""
+"""Number of steps to each side in the refinement of a mode, and their"
+" length, at least a cell [m]."""
 TURNS_ASIDE, TURN = 5, math.radians(2.0)
-"""Turns to each side that are tried about a mode, and their angle [rad]."""
+"""Number of turns to each side in the refinement of a mode, and their angle [rad]."""
 
 
 class NotLocatedError(ConfigError):
-    """A scan leaves open where it was taken."""
+    """Error of a scan that cannot be located."""
 
 
 def locate(
@@ -476,12 +479,11 @@ def locate(
     clearance: float = CLEARANCE,
     database: ScanDatabase | None = None,
 ) -> Location:
-    """Find where on a map a robot can be that has taken one scan.
+    """Locate a robot on a map by one scan.
 
-    The scan is compared with what the lidar would see at places 0.4 m apart all over the map, at 96
-    turns; the best of them are refined on the map's likelihood field, at last with all beams. Beams
-    without a return count for nothing. What a lidar sees everywhere is found when the first scan is
-    located, and kept for the next ones.
+    The scan is compared with expected scans at places 0.4 m apart throughout the map, at 96 turns.
+    The best poses are refined on the map's likelihood field, at last with all beams. Beams without
+    a return are ignored. The first call computes the expected scans, and later calls reuse them.
 
     Parameters
     ----------
@@ -491,21 +493,20 @@ def locate(
         Distances along the beams [m] in the order of ``lidar.angles``, inf or 0 without a return;
         or a recording of one scan, such as ``drive[n : n + 1]``.
     lidar : Lidar, optional
-        The lidar, with its mount on the robot. A recording has its own.
+        The lidar, with its mount on the robot. Omit it if the scan is a recording.
     near : Path or (n, 2) array, optional
-        Only poses along this path, or near one of these positions in the world, are looked for
-        [m]; by default all of the map.
+        Search only along this path, or near these positions in the world [m]; by default the whole
+        map.
     within : float, default 3.0
-        Their greatest distance from it, at least 0.5 [m].
+        Maximum distance of the robot from `near`, at least 0.5 [m].
     count : int, default 10
-        Maximum number of modes that are kept, at least 1. The weights are shares of all that were
-        found.
+        Maximum number of modes in the result, at least 1. Weights also count dropped modes.
     clearance : float, default 0.1
-        Distance of the robot's centre from walls at which a pose is possible [m], >= 0. Raise it to
-        the robot's radius where map and walls agree well.
+        Minimum distance of the robot's centre from walls [m], >= 0. Raise it to the robot's radius
+        if the map is accurate.
     database : ScanDatabase, optional
-        What the lidar sees on this map, if it is to be kept by the caller. Its own clearance
-        counts. By default the last four are kept.
+        The expected scans on this map, to reuse them between calls; its clearance is used. By
+        default the last four databases are reused.
 
     Returns
     -------
@@ -515,8 +516,7 @@ def locate(
     Raises
     ------
     LocplanError
-        If the scan does not belong to the lidar, has too few returns, or there is no place for the
-        robot.
+        If the scan does not match the lidar, has too few returns, or the robot fits nowhere.
 
     Examples
     --------
@@ -543,16 +543,16 @@ def locate(
 def select_places(
     database: ScanDatabase, near: Path | ArrayLike | None, within: float
 ) -> RangeDatabase:
-    """The ranges of the places at which the robot may be.
+    """Select the expected ranges at places near a path or positions, or of the whole map.
 
     Raises
     ------
     LocplanError
-        If there is none, or the positions are wrong.
+        If the robot fits at no such place, or the positions are invalid.
     """
     if near is None:
         return database.full_database
-    # Least such distance, a little more than that of the places that scans are compared with [m].
+    # At least 0.5 m, slightly more than the distance between places with expected scans.
     radius, places = check_number("within", within, 0.5), near
     if isinstance(places, Path):
         places = places.resample(database.grid.resolution).xy
@@ -567,7 +567,7 @@ def locate_scan(
     *,
     is_restricted: bool,
 ) -> Location:
-    """Find the modes of a scan, inf without a return, among places of a database."""
+    """Find the modes of a scan among places of a database; ranges are inf without a return."""
     from locplan.recordings.kernels.scan_losses import (
         TOP,
         find_distinct_poses,
@@ -589,8 +589,8 @@ def locate_scan(
             " directions need"
             " one"
         )
-    # Where people stand around, a wide deviation leads away from the true pose.
-    # Modes and, of the shortlist's best pairs of a place and a turn, those refined with all beams.
+    # Refine the modes, and the best starts as well: people around the robot can lead the first
+    # refinement, which has a wide standard deviation, away from the true pose.
     poses = np.concatenate([scan_modes.poses[:150], starts[:20]])
     tables, lever, step = places.tables, scan.lever, max(STEP / resolution, 1.0)
     losses = np.array(
@@ -632,11 +632,11 @@ def locate_scan(
 
 
 def _compute_explained_share(places: RangeDatabase, ends: Singles, pose: Floats) -> float:
-    """Share of the ends that lie within two deviations of a wall at a pose on the map."""
+    """Compute the share of ends within two standard deviations of a wall at a pose on the map."""
     from locplan.recordings.kernels.scan_losses import TOP, loss_at
 
     tables, z_rand = places.tables, places.matching.z_rand
-    # A beam's end within two deviations of a wall is explained by it.
+    # A wall explains a beam that ends within two standard deviations.
     max_loss = TOP * math.log((1 - z_rand) * math.exp(-0.5 * 2.0**2) + z_rand) / math.log(z_rand)
     last = len(tables.corners) - 1
     losses = [loss_at(tables, last, ends[:, [n]], *pose.tolist()) for n in range(ends.shape[1])]
@@ -644,7 +644,7 @@ def _compute_explained_share(places: RangeDatabase, ends: Singles, pose: Floats)
 
 
 def _check_scan(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Floats, Lidar]:
-    """The ranges of a scan, inf without a return, and the lidar that took it."""
+    """Check a scan; return its ranges, inf without a return, and its lidar."""
     if isinstance(scan, Recording):
         if lidar is not None and lidar != scan.lidar:
             raise ConfigError("the recording has a lidar of its own; leave lidar out")
@@ -694,9 +694,9 @@ def locate_drive(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> LocatedDrive:
-    """Locate each scan of a recorded drive by itself, as `locate` does.
+    """Locate each scan of a recorded drive independently by `locate`.
 
-    The recorded poses are only compared with the result.
+    The recorded poses are only used to check the locations.
 
     Parameters
     ----------
@@ -714,13 +714,12 @@ def locate_drive(
     Returns
     -------
     LocatedDrive
-        The location of each scan, and how many are right.
+        The location of each scan.
 
     Raises
     ------
     LocplanError
-        If a value is out of its range, no scan has enough returns, or there is no place for the
-        robot.
+        If a value is out of range, no scan has enough returns, or the robot fits nowhere.
     """
     check_instance(
         "recording", recording, Recording, "read one with locplan.recordings.read_recording"
@@ -730,9 +729,9 @@ def locate_drive(
     workers = check_threads(threads)
     database = resolve_database(grid, recording.lidar, clearance, database)
     places = select_places(database, near, within)
-    _ = database.matcher.kernel_arguments  # now, once for all threads
+    _ = database.matcher.kernel_arguments  # computed once, before threads need it
 
-    def find(scan_numbers: Ints) -> list[Location | None]:
+    def locate_batch(scan_numbers: Ints) -> list[Location | None]:
         batch_locations: list[Location | None] = []
         for n in scan_numbers:
             ranges = recording.ranges[n].astype(np.float64)
@@ -744,7 +743,7 @@ def locate_drive(
                 batch_locations.append(None)
         return batch_locations
 
-    locations = run_in_batches(find, len(recording), workers, progress)
+    locations = run_in_batches(locate_batch, len(recording), workers, progress)
     if not any(locations):
         raise RecordingError(
             f"none of {len(recording)} scans has enough returns to know where it was taken"

@@ -1,4 +1,4 @@
-"""What is read of a log: the options, where it comes from, and its scans in one order of beams."""
+"""Shared parts of the log readers: options, source, and scans resampled to the same beams."""
 
 from __future__ import annotations
 
@@ -26,38 +26,38 @@ from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.robots.lidar import MAX_BEAMS, Lidar
 
 FIRST_ROWS = 256
-"""Number of scans that room is made for at first."""
+"""Number of scans for which memory is allocated at first."""
 MAX_ROOM = 2**30
-"""Maximum size of all ranges together [bytes]; room is made for no more, whatever a log says."""
+"""Maximum total size of the ranges of a log [bytes]."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class LogTopics(Settings):
-    """Topics and frames that are read of a robot's log, where it has several, or others than usual.
+    """Topics and frames to read from a log, if it has several, or has unusual names.
 
     Raises
     ------
     ConfigError
-        If one is no name.
+        If a value is not a name.
 
     Examples
     --------
-    >>> Topics(scan_topic="/front/scan")
-    Topics(scan_topic='/front/scan')
+    >>> LogTopics(scan_topic="/front/scan")
+    LogTopics(scan_topic='/front/scan')
     """
 
     scan_topic: str | None = None
-    """Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1". It is needed where there
-    are several."""
+    """Topic of the scans; "FLASER" or "ROBOTLASER1" in a log of CARMEN. Required if there are
+    several."""
     pose_topic: str | None = None
-    """Topic of the robot's poses, in place of TF. Only for bags."""
+    """Topic of the robot's poses, instead of TF. Only for bags."""
     odom_topic: str | None = None
     """Topic of the robot's odometry. Only for bags."""
     map_frame: str = "map"
     """Frame of the poses."""
     base_frame: str | None = None
-    """Frame of the robot; by default that of odometry, or base_footprint or base_link. Only for
-    bags."""
+    """Frame of the robot; by default the child frame of odometry, base_footprint or base_link.
+    Only for bags."""
 
     def __post_init__(self) -> None:
         for topic_field in fields(LogTopics):
@@ -68,7 +68,7 @@ class LogTopics(Settings):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class ReadOptions(LogTopics):
-    """What is read of a log; `read_recording` explains each."""
+    """Options of `read_recording`, which documents them."""
 
     every: int = 1
     window: tuple[float, float] | None = None
@@ -79,12 +79,10 @@ class ReadOptions(LogTopics):
     def __post_init__(self) -> None:
         super().__post_init__()
         set_frozen_fields(self, every=check_integer("every", self.every))
-        for name in ("window", "range_limits"):
-            set_frozen_fields(
-                self, **{name: _parse_numbers(name, getattr(self, name), 2, "two numbers")}
-            )
         set_frozen_fields(
             self,
+            window=_parse_numbers("window", self.window, 2, "two numbers"),
+            range_limits=_parse_numbers("range_limits", self.range_limits, 2, "two numbers"),
             mount=_parse_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"),
         )
         for name, upper_limit, requirement in (
@@ -96,9 +94,9 @@ class ReadOptions(LogTopics):
                 raise ConfigError(f"{name} must be {requirement}, not {short_repr(ends)}")
 
     def refuse_unused(self, file_kind: str, *, of_robot: bool) -> None:
-        """Raise a ConfigError if an option is set that this kind of file cannot follow.
+        """Raise a ConfigError if an option is set that does not apply to this file format.
 
-        A log of a robot has topics of scans and a frame, only a bag has the others.
+        Logs of CARMEN have a scan topic and a map frame; bags have all topics and frames.
         """
         of_robots = ("scan_topic", "map_frame")
         for topic_field in fields(LogTopics):
@@ -110,7 +108,7 @@ class ReadOptions(LogTopics):
                 )
 
     def make_lidar(self, values: Mapping[str, Any]) -> Lidar:
-        """The lidar that a file describes, with the mount and the limits that were named."""
+        """Return the lidar that a file describes, with the mount and limits of these options."""
         lidar_fields = [lidar_field.name for lidar_field in fields(Lidar)]
         for name in values:
             if name not in lidar_fields:
@@ -134,7 +132,7 @@ class ReadOptions(LogTopics):
 def _parse_numbers(
     name: str, values: Any, count: int, requirement: str
 ) -> tuple[float, ...] | None:
-    """A number of numbers, or None."""
+    """Parse a fixed number of finite numbers; None stays None."""
     if values is None:
         return None
     numbers = parse_finite_numbers(values)
@@ -145,31 +143,31 @@ def _parse_numbers(
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class RecordingSource(Settings):
-    """Where a recording comes from: its file, and the topics and frames that were used."""
+    """Source of a recording: its file, and the topics and frames that were read."""
 
     file: str = ""
     """Name of the file or folder, without its path."""
     scans: str = ""
-    """Topic of the scans, or the kind of lines."""
+    """Topic of the scans, or the name of their lines in a log of CARMEN."""
     poses: str = ""
-    """Topic of the poses, or the frames that TF relates."""
+    """Topic of the poses, or the two frames of TF."""
     odometry: str = ""
-    """Topic of the odometry, or the frames that TF relates; empty if there is none."""
+    """Topic of the odometry, or the two frames of TF; empty without odometry."""
     map_frame: str = ""
-    """Frame that the poses are in."""
+    """Frame of the poses."""
     base_frame: str = ""
-    """Frame of the robot, whose poses these are."""
+    """Frame of the robot."""
     lidar_frame: str = ""
     """Frame of the lidar."""
     stamps_back: int = 0
-    """Number of scans whose stamps lie before that of an earlier scan in the log."""
+    """Number of scans with a stamp before the stamp of an earlier scan in the log."""
     notes: tuple[str, ...] = ()
-    """What was assumed or left out, in sentences without a full stop."""
+    """Assumptions and dropped data, as sentences without a full stop."""
 
 
 def check_memory_limit(n_scans: int, n_beams: int, max_bytes: int) -> None:
-    """Raise a RecordingError if one more scan takes more than the room that there is [bytes]."""
-    # A scan counts as 256 bytes at least: its pose and times take memory, too.
+    """Raise a RecordingError if one more scan exceeds the memory limit."""
+    # A scan counts as at least 256 bytes, because its pose and times take memory as well.
     if n_scans == (max_scans := max_bytes // max(256, 4 * n_beams)):
         raise RecordingError(
             f"over {max_scans:,} scans of {n_beams} beams take too much memory; read every n-th"
@@ -179,10 +177,10 @@ def check_memory_limit(n_scans: int, n_beams: int, max_bytes: int) -> None:
 
 
 class ScanRows:
-    """Scans in one array that grows, each brought to the beams of the first one.
+    """Growing array of scans, resampled to the beams of the first scan.
 
-    Beams are kept counter-clockwise. A scan with other angles, as lidars whose motor is not
-    regulated have, takes for each beam the nearest of its own, if there is one within a step.
+    Beams are counter-clockwise. A scan with different angles (from a lidar with an unregulated
+    motor) is resampled: a beam takes the nearest reading, if there is one within a step.
     """
 
     def __init__(self, range_limits: tuple[float, float] | None = None) -> None:
@@ -200,14 +198,14 @@ class ScanRows:
     def add(
         self, ranges: ArrayLike, first: float, step: float, min_range: float, max_range: float
     ) -> None:
-        """Take a scan: ranges [m], angle of its first beam, from beam to beam [rad], limits [m].
+        """Add a scan with its ranges [m], first angle and step [rad], and range limits [m].
 
         Raises
         ------
         RecordingError
-            If it has no beams, or its angles cannot be.
+            If the scan has no beams, or invalid angles.
         """
-        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
+        with np.errstate(over="ignore"):  # no lidar's range exceeds single precision
             values = np.asarray(ranges, np.float32)
         if not self._count:
             self._set_beams(first, step, len(values), min_range, max_range)
@@ -227,7 +225,7 @@ class ScanRows:
         self._count += 1
 
     def finish(self, order: Sequence[int]) -> NDArray[np.float32]:
-        """The scans that are kept, in this order, (n, beams); nothing can be added after."""
+        """Return the scans in this order, (n, beams); no scan can be added afterwards."""
         rows, self._rows = self._rows, np.empty((0, 0), np.float32)
         if (np.diff(order) < 0).any():
             return np.asarray(rows[np.asarray(order)])
@@ -239,9 +237,9 @@ class ScanRows:
         return rows
 
     def make_lidar(self, mount: tuple[float, float, float], upside_down: bool) -> Lidar:
-        """The lidar with its pose on the robot [m, m, rad].
+        """Return the lidar with its mount on the robot [m, m, rad].
 
-        The beams of one that is upside down come clockwise: the rows have to be reversed.
+        The beams of an upside-down lidar are clockwise: the caller reverses the rows.
         """
         middle = self._first + self._step * (self._beams - 1) / 2
         yaw = mount[2] + (-middle if upside_down else middle)
@@ -275,7 +273,7 @@ class ScanRows:
             else 0.0,
             range_max=_round_to_single(max_range),
         )
-        # Angles were stored in single precision, which has no more than four decimals.
+        # Angles were stored in single precision, with four reliable decimals.
         lidar = replace(lidar, field_of_view_deg=round(lidar.field_of_view_deg, 4))
         self._first, self._step, self._beams, self._lidar = first, step, lidar.beams, lidar
         self._rows = np.empty((FIRST_ROWS, lidar.beams), np.float32)
@@ -283,7 +281,7 @@ class ScanRows:
     def _resample(
         self, first: float, step: float, values: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """A scan with other angles, at the beams of the first one; inf where it has none."""
+        """Resample a scan to the beams of the first scan; inf if no reading is near."""
         row = np.full(self._beams, np.inf, np.float32)
         if not (math.isfinite(first) and math.isfinite(step) and step and len(values)):
             return row
@@ -296,12 +294,12 @@ class ScanRows:
 
 
 def _round_to_single(value: float) -> float:
-    """A number without the further digits that single precision gave it."""
+    """Round a number to the digits of single precision."""
     return float(f"{value:.7g}")
 
 
 def check_poses(name: str, values: object) -> Floats:
-    """Rows of finite x, y and heading, the last within +-pi; see `check_array`."""
+    """Return read-only rows of finite x, y, heading, with headings within +-pi."""
     poses = check_array(f"{name}s", values, np.dtype(np.float64), 2)
     if poses.shape[1] != 3:
         raise RecordingError(f"{name}s must be rows of x, y, heading, not {poses.shape}")
@@ -320,9 +318,9 @@ def check_poses(name: str, values: object) -> Floats:
 
 
 def check_array(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
-    """Array of numbers that nobody changes any more: a copy unless it is read-only already."""
+    """Return a read-only array of numbers, a copy unless it is read-only already."""
     try:
-        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
+        with np.errstate(over="ignore"):  # no lidar's range exceeds single precision
             array = np.asarray(values, kind)
     except (TypeError, ValueError, OverflowError):
         raise RecordingError(
@@ -334,6 +332,6 @@ def check_array(name: str, values: object, kind: np.dtype[Any], dimensions: int)
 
 
 def freeze_array(array: NDArray[Any]) -> NDArray[Any]:
-    """The array, which nobody changes any more."""
+    """Make an array read-only and return it."""
     array.setflags(write=False)
     return array

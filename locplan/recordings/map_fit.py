@@ -1,4 +1,4 @@
-"""The fit of a map to a recorded drive: ranges, walls, and places that contradict the scans."""
+"""Fit of a map to recorded drives: position, resolution, and walls that contradict the scans."""
 
 from __future__ import annotations
 
@@ -39,36 +39,35 @@ from locplan.recordings.matching import ScanDatabase
 from locplan.recordings.recording import Recording
 
 RANGE_SCANS, MIN_BEAMS = 100, 12
-"""Number of the scans of a drive that are compared, and of beams that a scan needs."""
+"""Number of compared scans of a drive, and minimum number of beams of a scan."""
 FAR, FAR_CELLS, FAR_OFF = 0.2, 4, 0.06
-"""Difference of a range from the map's as which larger ones do not count: so many metres or cells,
-and this share of the range."""
+"""Maximum difference between measured and expected range: metres or cells, plus a share of the
+range."""
 GRAZING = 2.0
-"""Way of a beam's end over the way of the robot across the wall from which on it is not used."""
+"""Maximum change of a range per movement of the robot across the wall, to drop grazing beams."""
 OFF, SURELY_OFF = 0.007, 0.005
-"""Deviations of the factor from 1 from which on a map has another resolution, and which the whole
-interval must surpass."""
+"""Minimum difference of the factor from 1 for a wrong resolution, and of its whole interval."""
 DEEP = 1.5
-"""Depth behind the map's surfaces from which on these are not where the walls are [cells]."""
+"""Depth of beams' ends behind the map's surfaces above which the walls are too thick [cells]."""
 
 
 @dataclass(frozen=True)
 class RangeFit:
-    """How ranges differ from those that a map says, with 95 % intervals over pieces of 10 m."""
+    """Scale and depth of measured ranges against a map, with 95 % intervals over blocks of 10 m."""
 
     factor: Interval
-    """Ratio of the ranges to the map's."""
+    """Ratio of measured to expected ranges."""
     depth: Interval
-    """Distance behind the map's surfaces at which beams end, across the walls [m]."""
+    """Distance of beams' ends behind the map's surfaces, across the walls [m]."""
 
     @property
     def is_scaled(self) -> bool:
-        """True if the map surely has another resolution than its file says."""
+        """True if the map's resolution is significantly wrong."""
         value, low, high = (bound - 1 for bound in self.factor)
         return abs(value) >= OFF and (low > SURELY_OFF or high < -SURELY_OFF)
 
     def faults(self, grid: OccupancyGrid) -> Iterator[MapFault]:
-        """The faults of the map that they tell.
+        """Yield the faults of the map that the ranges show.
 
         Parameters
         ----------
@@ -99,23 +98,23 @@ class RangeFit:
 
 
 def fit_ranges(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit:
-    """Compare the ranges of recorded drives with those that a map says, where each scan fits best.
+    """Compare measured with expected ranges, at the best pose of each scan.
 
-    A range is the map's times a factor, and the depth at which beams end behind its surfaces; what
-    the scan's pose may be off by is fitted with it.
+    A measured range is the expected range times a factor, plus a depth behind the map's surfaces.
+    Errors of the poses are fitted as well.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     recordings : sequence of Recording
-        The drives, with poses that are good to some 0.1 m.
+        The drives, with poses accurate to about 0.1 m.
     """
     once, _ = _collect_equations(grid, recordings, 1.0)
     if not once:
         nothing = Interval(math.nan, math.nan, math.nan)
         return RangeFit(nothing, nothing)
-    # What a pose took for its own error, it no longer does where the ranges are nearly right.
+    # Repeat with nearly correct ranges: at first, the poses absorb part of the factor.
     first = 1 + float(_solve_least_squares(once, np.ones(len(once)))[0])
     scan_equations, blocks = _collect_equations(grid, recordings, first)
     factor, depth = bootstrap_statistics(
@@ -127,16 +126,16 @@ def fit_ranges(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit
 def _collect_equations(
     grid: OccupancyGrid, recordings: Sequence[Recording], factor: float
 ) -> tuple[list[Floats], Ints]:
-    """What the scans say of ranges that are divided by a factor, and the block of each."""
+    """Collect the equations of all scans with ranges divided by a factor, and their blocks."""
     parts, blocks, first = [], [], 0
-    for scan_equations in recordings:
-        drive_equations, of_scan = _build_equations(grid, scan_equations, factor)
+    for recording in recordings:
+        drive_equations, of_scan = _build_equations(grid, recording, factor)
         parts += drive_equations
         blocks += (first + of_scan).tolist()
         first = max([first, *blocks]) + 1
     reduced = _eliminate_poses(parts)
     for _ in range(2 * bool(parts)):
-        # What is off by three deviations is no wall of the map, or a beam that something blocks.
+        # Drop beams beyond three standard deviations: blocked, or at a wall that is not mapped.
         at = _solve_least_squares(reduced, np.ones(len(reduced)))
         off = [
             np.abs(scan_equations[:, 2] - scan_equations[:, :2] @ at) for scan_equations in reduced
@@ -152,10 +151,9 @@ def _collect_equations(
 def _build_equations(
     grid: OccupancyGrid, recording: Recording, factor: float
 ) -> tuple[list[Floats], Ints]:
-    """Of each scan that shows walls what its beams say, and the scan's block.
+    """Build the equations of each scan with enough beams at walls, and return the scans' blocks.
 
-    A row is (range, 1, difference, and what it changes by with the pose (x, y, heading)), across
-    the wall.
+    A row is (range, 1, difference, derivatives by the pose (x, y, heading)), across the wall.
     """
     walls, rows, used = SeenWalls(grid, recording), [], []
     far = max(FAR, FAR_CELLS * grid.resolution)
@@ -187,7 +185,7 @@ def _build_equations(
 
 
 def _eliminate_poses(parts: list[Floats]) -> list[Floats]:
-    """The first three columns of each, without what another pose explains."""
+    """Reduce equations to their first three columns by eliminating the pose of each scan."""
     reduced = []
     for scan_equations in parts:
         base, _ = np.linalg.qr(scan_equations[:, 3:])
@@ -196,7 +194,7 @@ def _eliminate_poses(parts: list[Floats]) -> list[Floats]:
 
 
 def _solve_least_squares(parts: list[Floats], weights: Floats) -> Floats:
-    """Factor minus 1, and depth [m], by least squares of scans with weights, (2,)."""
+    """Solve weighted least squares for the factor minus 1 and the depth [m], (2,)."""
     sums = np.tensordot(
         weights, np.array([scan_equations.T @ scan_equations for scan_equations in parts]), 1
     )
@@ -205,51 +203,51 @@ def _solve_least_squares(parts: list[Floats], weights: Floats) -> Floats:
 
 Move = tuple[float, float, float]
 MIN_GAIN = 0.1
-"""Gain in the share for which a move of the map is suggested."""
+"""Minimum gain in the share of fitting beams to suggest a move of the map."""
 FINEST = 0.2
-"""Minimum edge of the cells of the search at all turns [m]."""
+"""Minimum edge of the cells in the search over all turns [m]."""
 BLUR = 0.1
-"""Minimum deviation of the walls' blur at which moves are compared [m]."""
+"""Minimum standard deviation of the walls' blur when moves are compared [m]."""
 PLACES, STEPS, STEP = 8, 6, 1.0
-"""Number of places of a drive from which it is followed on a map, and number and length [m] of the
-steps along the drive to both sides of each."""
+"""Number of places from which a drive is followed on a map, and number and length [m] of the
+steps in both directions."""
 AGREES = 0.3
-"""Difference up to which a range agrees with the map's wall [m]."""
+"""Maximum difference between agreeing measured and expected ranges [m]."""
 TURNS = (0.0, math.radians(8.0), math.radians(-8.0))
 """Turns from the expected heading at which a scan is compared [rad]."""
 SAME_PLACE = 0.66
-"""Mean share of ranges that agree from which a recording fits a map. Six real recordings have
-.76 to .95 on their own maps, and .24 to .59 on those of each other."""
+"""Minimum mean share of agreeing ranges if a recording fits a map. Six real recordings have 0.76 to
+0.95 on their maps, and 0.24 to 0.59 on any other of these maps."""
 
 
 @dataclass(frozen=True)
 class MapFit:
-    """How well a recorded drive fits a map where it is, and where it would fit best."""
+    """Fit of a recorded drive to a map, as recorded and after the best move."""
 
     share: float
-    """Share of the beams with a return that end within `distance` of a wall, 0..1."""
+    """Share of the returns that end within `distance` of a wall, 0..1."""
     best_share: float
-    """The same after `move`."""
+    """Share of the returns that end within `distance` of a wall after `move`, 0..1."""
     move: Move
-    """The move of the drive that fits best: a turn about the map frame's origin, then a shift
-    [m, m, rad]; `Recording.moved` does it."""
+    """Move of the drive with the best fit: a turn about the map frame's origin, then a shift
+    [m, m, rad], as `Recording.move` takes it."""
     distance: float
-    """Distance within which a beam ends at a wall [m]."""
+    """Maximum distance between a wall and a beam that ends at it [m]."""
     origin: tuple[float, float, float]
-    """Origin of the map with which the drive fits best as it is [m, m, rad]."""
+    """Origin of the map with the best fit to the unmoved drive [m, m, rad]."""
     mount: str = field(default="")
-    """How the lidar seems to be mounted instead, if that explains a bad fit; else empty."""
+    """Actual mount of the lidar, if a wrong mount explains a bad fit; otherwise empty."""
     ranges: RangeFit | None = None
-    """How the ranges differ from the map's, if its resolution explains a bad fit."""
+    """Fit of the ranges, if a wrong resolution explains a bad fit."""
 
     @property
     def fits(self) -> bool:
-        """True if the map fits as it is."""
+        """True if the map fits without a move."""
         return self.share >= MIN_FIT_SHARE and not self.is_shifted
 
     @property
     def is_shifted(self) -> bool:
-        """True if the map would fit, or fit clearly better, after a move."""
+        """True if the map fits only after a move, or fits clearly better."""
         x, y, turn = self.move
         is_far = math.hypot(x, y) > 0.1 or abs(turn) > math.radians(0.5)
         return (
@@ -258,7 +256,7 @@ class MapFit:
 
     @property
     def sentence(self) -> str:
-        """Whether the map fits, and what to do if it does not."""
+        """Sentence for people: whether the map fits, and the remedy otherwise."""
         now = f"{self.share:.0%} of the beams end within {self.distance:.2g} m of a wall"
         if self.fits:
             return f"The map fits: {now}."
@@ -286,13 +284,13 @@ class MapFit:
 
 
 class _BeamSample(NamedTuple):
-    """Some beams of some scans."""
+    """Sample of beams and scans of a drive."""
 
     on_robot: Floats  # (n, beams, 2), NaN without return [m]
     poses: Floats  # (n, 3)
 
     def ends(self) -> Floats:
-        """Ends of the returns in the map's frame, (k, 2) [m]."""
+        """Return the ends of the returns in the map's frame, (k, 2) [m]."""
         ends = place_ends(self.on_robot, self.poses).reshape(-1, 2)
         return ends[np.isfinite(ends[:, 0])]
 
@@ -300,16 +298,16 @@ class _BeamSample(NamedTuple):
 def fit_to_map(
     recording: Recording, grid: OccupancyGrid, *, progress: ProgressCallback | None = None
 ) -> MapFit:
-    """Tell how well a recorded drive fits a map, and find where it would fit best.
+    """Measure how well a recorded drive fits a map, and find the move with the best fit.
 
-    Where fewer than 60 % of the beams end at walls, the whole drive is moved: it is correlated with
-    the walls at all turns and shifts, coarsely, and the best of these are refined. Else only the
-    surroundings are searched.
+    If fewer than 60 % of the beams end at walls, all turns and shifts are searched: the drive is
+    correlated with the walls on a coarse grid, and the best moves are refined. Otherwise only small
+    moves are searched.
 
     Parameters
     ----------
     recording : Recording
-        The drive; up to 100 scans and 60 beams of each are compared.
+        The drive; up to 100 scans with 60 beams are compared.
     grid : OccupancyGrid
         The map.
     progress : callable, optional
@@ -360,11 +358,11 @@ def fit_to_map(
 def check_recording_on_map(
     recording: Recording, grid: OccupancyGrid, *, database: ScanDatabase | None = None
 ) -> None:
-    """Raise a RecordingError if a recording does not fit a map, wherever its poses are.
+    """Raise a RecordingError if a recording was not taken on a map, independent of its poses.
 
-    Eight scans are located on the whole map, or taken where they were recorded if these poses fit
-    the map. From each of them, the robot is followed over 6 m to both sides by odometry and scans.
-    In another building single scans may fit, but ranges along the drive do not.
+    Eight scans start at their recorded poses if these fit the map; otherwise they are located on
+    the whole map. From each of them, odometry and scans are followed over 6 m in both directions.
+    In another building, single scans may fit, but ranges along the drive do not.
 
     Parameters
     ----------
@@ -373,7 +371,7 @@ def check_recording_on_map(
     grid : OccupancyGrid
         The map.
     database : ScanDatabase, optional
-        What the lidar sees on this map, if it is kept by the caller.
+        The scans at all places of this map, to reuse them between calls.
 
     Raises
     ------
@@ -385,12 +383,12 @@ def check_recording_on_map(
     >>> from locplan.maps import load_map
     >>> from locplan.recordings import read_recording
     >>> recording = read_recording("two_corridors")
-    >>> check_place(recording, load_map("two_corridors"))
+    >>> check_recording_on_map(recording, load_map("two_corridors"))
     """
     check_instance("recording", recording, Recording)
     check_grid(grid)
     if not (grid.cells == OCCUPIED).any():
-        return  # all that take the recording refuse this map
+        return  # functions that use the recording reject this map
     share = _measure_agreement(recording, grid, database)
     if not share < SAME_PLACE:
         return
@@ -407,7 +405,7 @@ def check_recording_on_map(
 
 
 def _find_lidar_fault(recording: Recording, grid: OccupancyGrid) -> str:
-    """Return a sentence if another mount or other ranges explain a bad fit; else an empty text."""
+    """Explain a bad fit by a wrong mount or wrong ranges; return an empty text otherwise."""
     distance, near = find_cells_near_walls(grid)
     sample = _select_beam_sample(recording)
     share = _compute_share(grid, near, sample.ends())
@@ -422,10 +420,10 @@ def _find_lidar_fault(recording: Recording, grid: OccupancyGrid) -> str:
 def _measure_agreement(
     recording: Recording, grid: OccupancyGrid, database: ScanDatabase | None
 ) -> float:
-    """Return the mean share of ranges that agree along a drive; NaN if no scan can be located."""
+    """Compute the mean share of agreeing ranges along a drive; NaN if no scan can be located."""
     motion = recording.poses if recording.odometry is None else recording.odometry
     step_lengths = np.hypot(*np.diff(motion[:, :2], axis=0).T)
-    way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(step_lengths))])  # NaN without any poses
+    way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(step_lengths))])  # NaN without poses
     reach = min(STEPS * STEP, way[-1] / 2)
     at = np.linspace(reach, way[-1] - reach, PLACES) if way[-1] else np.zeros(1)
     scans = np.unique(np.searchsorted(way, at))
@@ -451,7 +449,7 @@ def _measure_agreement(
 def _find_start_poses(
     recording: Recording, grid: OccupancyGrid, scans: Ints, database: ScanDatabase | None
 ) -> Floats:
-    """Return the poses of scans on a map: recorded ones that fit, or located ones; NaN if lost."""
+    """Find poses of scans on a map: recorded poses if they fit, otherwise located; NaN if lost."""
     near = find_cells_near_walls(grid)[1]
     if (
         recording.has_poses
@@ -467,13 +465,13 @@ def _find_start_poses(
 def _compare_ranges(
     walls: SeenWalls, recording: Recording, scan: int, pose: Floats
 ) -> tuple[Floats, float]:
-    """Return the pose near another one where a scan fits best, and the share that agrees there."""
+    """Find the best pose of a scan near a start, and its share of agreeing ranges."""
     ranges = recording.ranges[scan]
     returned = np.isfinite(ranges)
     if not returned.any():
         return pose, math.nan
     best, best_share = pose, -1.0
-    for turn in TURNS:  # if odometry misjudged a turn, a scan settles from another heading alone
+    for turn in TURNS:  # odometry may have a wrong turn
         settled_pose = walls.settle_pose(
             pose + np.array([0.0, 0.0, turn]), ranges[:: walls.beam_step]
         )
@@ -489,7 +487,7 @@ def _compare_ranges(
 def _explain_by_ranges(
     grid: OccupancyGrid, near: NDArray[np.bool_], recording: Recording
 ) -> RangeFit | None:
-    """How ranges differ from the map's, if scans without that fit where they were taken."""
+    """Return the fit of the ranges if a scale factor explains a bad fit."""
     ranges = fit_ranges(grid, [recording])
     if not ranges.is_scaled:
         return None
@@ -502,7 +500,7 @@ def _explain_by_ranges(
 
 
 def _select_beam_sample(recording: Recording) -> _BeamSample:
-    """Scans and beams that are evenly spaced."""
+    """Select evenly spaced scans and beams."""
     scans = np.unique(np.linspace(0, len(recording) - 1, 100).astype(np.int64))
     beams = np.unique(np.linspace(0, recording.lidar.beams - 1, 60).astype(np.int64))
     ends = recording[scans].ends_on_robot()
@@ -512,12 +510,12 @@ def _select_beam_sample(recording: Recording) -> _BeamSample:
 
 
 def _compute_share(grid: OccupancyGrid, near: NDArray[np.bool_], ends: Floats) -> float:
-    """Share of points that lie in the cells of a mask."""
+    """Compute the share of points that lie in the cells of a mask."""
     return float(look_up_cells(grid, near, ends, False).mean())
 
 
 def _move_origin(grid: OccupancyGrid, move: Move) -> Move:
-    """Origin of the map after the move the other way."""
+    """Compute the map's origin after the inverse move."""
     (x, y, yaw), (dx, dy, turn) = grid.origin, move
     cos, sin = math.cos(turn), math.sin(turn)
     u, v = x - dx, y - dy
@@ -527,7 +525,7 @@ def _move_origin(grid: OccupancyGrid, move: Move) -> Move:
 def _find_mount(
     grid: OccupancyGrid, near: NDArray[np.bool_], sample: _BeamSample, best: float
 ) -> str:
-    """How the lidar is mounted if another mount explains the scans at the recorded poses."""
+    """Find a different mount of the lidar that explains the scans; empty if there is none."""
     x, y = sample.on_robot[..., 0], sample.on_robot[..., 1]
     mounts = {
         "turned by 90 deg": (-y, x),
@@ -543,9 +541,9 @@ def _find_mount(
 
 
 class _MoveSearch:
-    """The rigid moves of a drive that take the ends of its beams to a map's walls.
+    """Search for the rigid move of a drive that brings its beams' ends to a map's walls.
 
-    Ends of beams and places of the robot, (k, 2) and (n, 2), are in the map's frame [m].
+    Beams' ends (k, 2) and places of the robot (n, 2) are in the map's frame [m].
     """
 
     def __init__(self, grid: OccupancyGrid, ends: Floats, places: Floats) -> None:
@@ -554,41 +552,40 @@ class _MoveSearch:
         self.radius = math.sqrt(float((self.relative_ends**2).sum(1).mean()))
 
     def search_all_moves(self, progress: ProgressCallback | None = None) -> list[Move]:
-        """The moves that fit best of all turns and shifts, about the origin [m, m, rad].
+        """Search all turns and shifts for the best moves, about the origin [m, m, rad].
 
-        The ends, rotated, are correlated with the walls by the Fourier transform; so are the places
-        of the robot with the free space, which tells walls from clutter. `progress` is called with
-        (done, total) turns.
+        The rotated ends are correlated with the walls by the Fourier transform, and the places of
+        the robot with free space. `progress` is called with (done, total) turns.
         """
         from scipy.fft import irfft2, next_fast_len, rfft2
 
         grid = self.grid
         reach = float(np.abs(np.concatenate([self.relative_ends, self.relative_places])).max())
         side = max(max(grid.shape) * grid.resolution, 2 * reach)
-        cell = max(FINEST, side / 224, grid.resolution)  # of which so many lie along a side at most
+        cell = max(FINEST, side / 224, grid.resolution)  # at most 224 cells along a side
         walls, free = self._coarsen_map(cell)
         half = math.ceil(math.hypot(reach, reach) / cell) + 1
-        shape = tuple(next_fast_len(layer + 2 * half + 1, real=True) for layer in walls.shape)
+        shape = tuple(next_fast_len(length + 2 * half + 1, real=True) for length in walls.shape)
         of_walls, of_free = (np.conj(rfft2(layer, shape)) for layer in (walls, free))
         turns = 4 * max(1, min(math.ceil(2 * math.pi * self.radius / cell / 4), 180))
-        (tell,) = split_progress(progress, [turns])
+        (report_progress,) = split_progress(progress, [turns])
         peaks: list[tuple[float, float, float, float]] = []
         for n in range(turns):
             turn = 2 * math.pi * n / turns
-            rotated = (_rotate(layer, turn) for layer in (self.relative_ends, self.relative_places))
-            rasters = (_count_points(layer, cell, half) for layer in rotated)
-            hits, stands = (rfft2(layer / layer.sum(), shape) for layer in rasters)
+            rotated = (_rotate(xy, turn) for xy in (self.relative_ends, self.relative_places))
+            rasters = (_count_points(xy, cell, half) for xy in rotated)
+            hits, stands = (rfft2(raster / raster.sum(), shape) for raster in rasters)
             score = irfft2(np.conj(hits * of_walls + 0.5 * stands * of_free), shape)
             for _ in range(2):
                 row, col = divmod(int(np.argmax(score)), shape[1])
                 peaks.append((float(score[row, col]), turn, float(row), float(col)))
                 score[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4] = -1.0
-            tell(n + 1, turns)
+            report_progress(n + 1, turns)
         moves: list[Move] = []
         for _, turn, *at in sorted(peaks, reverse=True):
             # The raster's cell (half, half) holds the drive's middle; the transform is periodic.
             shift = (s - n if s > n / 2 else s for s, n in zip(at, shape, strict=True))
-            rows, cols = ((layer + half + 0.5) * cell / grid.resolution for layer in shift)
+            rows, cols = ((offset + half + 0.5) * cell / grid.resolution for offset in shift)
             x, y = map(float, grid.grid_to_world(rows, cols))
             move = self._turn_about_origin((x, y, turn + grid.origin[2]))
             if all(self._measure_distance(move, other) > 2 * cell for other in moves):
@@ -598,7 +595,7 @@ class _MoveSearch:
         return moves
 
     def refine_moves(self, starts: list[Move]) -> Move:
-        """The best move around some: steps in x, y and turn are halved until none is better."""
+        """Refine moves by halving steps in x, y and turn, and return the best one."""
         size = self.grid.resolution
         best, best_score = (0.0, 0.0, 0.0), -1.0
         for start in starts:
@@ -612,7 +609,7 @@ class _MoveSearch:
         return best
 
     def _climb(self, at: Move, step: float, blur: float) -> Move:
-        """The move from which no step of this size leads to a better one."""
+        """Improve a move by steps of a fixed size until no step improves it."""
         score, turning = self._score(at, blur), step / max(self.radius, self.grid.resolution)
         steps = np.array([*itertools.product((-1, 0, 1), repeat=3)]) * (step, step, turning)
         for _ in range(30):
@@ -624,7 +621,7 @@ class _MoveSearch:
         return at
 
     def _score(self, at: Move, blur: float) -> float:
-        """Mean nearness of the ends to walls, 0..1, and half the share of places that are free."""
+        """Score a move: mean nearness of ends to walls, plus half the share of free places."""
         grid, to = self.grid, np.array(at[:2])
         distance = look_up_cells(
             grid, grid.clearance, to + _rotate(self.relative_ends, at[2]), np.inf
@@ -633,7 +630,7 @@ class _MoveSearch:
         return float(np.exp(-0.5 * (distance / blur) ** 2).mean() + 0.5 * free.mean())
 
     def _coarsen_map(self, cell: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Nearness to walls, and free space, in coarser cells along the map's own axes."""
+        """Compute nearness to walls and free space in coarser cells."""
         grid = self.grid
         counts = (math.ceil(edge * grid.resolution / cell) for edge in grid.shape)
         at = np.ix_(
@@ -646,24 +643,27 @@ class _MoveSearch:
         return walls.astype(np.float32), grid.free[at].astype(np.float32)
 
     def _turn_about_origin(self, at: Move) -> Move:
-        """The move that takes the middle to a place with a turn, as a turn about the origin."""
+        """Convert a move from a turn about the drive's middle to a turn about the origin."""
         x, y = _rotate(self.middle[None], at[2])[0]
         return at[0] - float(x), at[1] - float(y), (at[2] + math.pi) % (2 * math.pi) - math.pi
 
     def _turn_about_middle(self, move: Move) -> Move:
-        """Where a move takes the middle, and its turn."""
+        """Convert a move from a turn about the origin to a turn about the drive's middle."""
         x, y = _rotate(self.middle[None], move[2])[0]
         return float(x) + move[0], float(y) + move[1], move[2]
 
     def _measure_distance(self, *moves: Move) -> float:
-        """Distance of the middle after either of two moves [m]; infinite if their turns differ."""
+        """Measure the distance between the drive's middles after two moves [m].
+
+        The distance is infinite if the turns differ.
+        """
         (x, y, turn), (u, v, angle) = map(self._turn_about_middle, moves)
         between = abs((turn - angle + math.pi) % (2 * math.pi) - math.pi)
         return math.hypot(x - u, y - v) + (math.inf if between > 0.1 else 0.0)
 
 
 def _count_points(xy: Floats, cell: float, half: int) -> NDArray[np.float32]:
-    """Number of points in each cell around the middle, (2 half + 1, 2 half + 1)."""
+    """Count the points in each cell around the middle, (2 half + 1, 2 half + 1)."""
     size = 2 * half + 1
     col, row = (np.floor(part / cell + 0.5).astype(np.int64) + half for part in xy.T)
     counts = np.bincount(row * size + col, minlength=size * size)
@@ -671,22 +671,23 @@ def _count_points(xy: Floats, cell: float, half: int) -> NDArray[np.float32]:
 
 
 def _rotate(xy: Floats, turn: float) -> Floats:
+    """Rotate points about zero."""
     cos, sin = math.cos(turn), math.sin(turn)
     return np.column_stack([cos * xy[:, 0] - sin * xy[:, 1], sin * xy[:, 0] + cos * xy[:, 1]])
 
 
 CROSSED, TIMES, HITS = 5, 3, 3
-"""Number of scans that see through a wall that is none, in times of those that end there; and of
-scans that end at a wall that is missing, or see through one without passing another."""
+"""Minimum number of scans through a false wall, minimum ratio to the scans that end there, and
+minimum number of scans that end at a missing wall."""
 MAX_FALSE_SHARE, MAX_MISSING_LENGTH = 0.02, 1.0
-"""Maximum share of the walls in view that scans see through on a true map, and maximum length of
-the walls that they miss there [m]."""
+"""Maximum share of false walls in view, and maximum length of missing walls, on a correct map
+[m]."""
 BAD_POSES = 0.04
-"""Deviation of the poses, in directions that walls fix, from which on no place is named [m]."""
+"""Maximum error of the poses across walls to find wrong walls [m]."""
 MAX_MATCH_STD = 0.05
-"""Maximum deviation of a match in its best direction to judge a pose by [m]."""
+"""Maximum standard deviation of a match across walls to measure the error of a pose [m]."""
 MISFIT_SCANS, BEAMS = 4000, 180
-"""Numbers of the scans of a drive, and of the beams of each, that are used."""
+"""Maximum number of scans of a drive, and of beams of a scan."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -696,14 +697,14 @@ class Misfits:
     false: Bools
     """Occupied cells that scans see through, (H, W)."""
     missing: Bools
-    """Cells where scans end and the map has no wall near, (H, W)."""
+    """Cells where scans end far from the map's walls, (H, W)."""
     false_share: float
-    """Share of the wall cells in view that are false, 0..1."""
+    """Share of false cells among the wall cells in view, 0..1."""
     share_at_walls: float
-    """Share of the beams that end at walls of the map, 0..1."""
+    """Share of beams that end at walls of the map, 0..1."""
 
     def faults(self, grid: OccupancyGrid) -> Iterator[MapFault]:
-        """Yield the faults of the map with their places, the largest first; none on a true map.
+        """Yield the faults of the map with their places, the largest first.
 
         Parameters
         ----------
@@ -732,15 +733,15 @@ class _MapBeams:
 def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfits:
     """Find the places where recorded scans do not fit the map.
 
-    A wall is false if five scans or more see through it, over three times as many as end there.
-    A wall is missing where three scans end.
+    A wall is false if at least five scans pass through it, over three times as many as end there.
+    A wall is missing where at least three scans end.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     recordings : sequence of Recording
-        The drives, whose poses count as true.
+        The drives, with ground-truth poses.
 
     Returns
     -------
@@ -750,7 +751,7 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
     Raises
     ------
     RecordingError
-        If the poses are off by so much that walls would seem to be wrong.
+        If the poses are too inaccurate to find wrong walls.
     """
     for recording in recordings:
         check_instance(
@@ -770,14 +771,14 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
         )
     parts = [_place_beams_on_map(grid, recording) for recording in recordings]
     beams = _MapBeams(
-        np.concatenate([recording.origins for recording in parts]),
-        np.concatenate([recording.ends for recording in parts]),
+        np.concatenate([part.origins for part in parts]),
+        np.concatenate([part.ends for part in parts]),
     )
     return Misfits(*_find_contradictions(grid, beams), _compute_share_at_walls(grid, beams))
 
 
 def _place_beams_on_map(grid: OccupancyGrid, recording: Recording) -> _MapBeams:
-    """The beams of up to so many scans of a drive that are evenly spaced, in the map's cells."""
+    """Convert beams of evenly spaced scans of a drive to the map's cells."""
     scans = np.unique(np.linspace(0, len(recording) - 1, MISFIT_SCANS).astype(np.int64))
     beams = np.unique(np.linspace(0, recording.lidar.beams - 1, BEAMS).astype(np.int64))
     recording = recording[scans]
@@ -793,15 +794,15 @@ def _place_beams_on_map(grid: OccupancyGrid, recording: Recording) -> _MapBeams:
 
 
 def _measure_pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
-    """Median distance of the poses from where scans fit, along x or y or as each fits best [m].
+    """Measure the error of poses as their median distance from the best poses of scans [m].
 
-    The largest of the three counts. A map that is wrong somewhere has walls enough elsewhere; along
-    a corridor no pose is judged.
+    Distances along x, along y, and along the best-known direction of each scan are measured, and
+    the largest median counts. Poses in corridors do not count along the corridor.
     """
     scan_numbers = np.unique(np.linspace(0, len(recording) - 1, 100).astype(np.int64))
     scan_matches = match_scans(recording[scan_numbers], grid, threads=1)
     _, minor, direction = position_axes(scan_matches.covariance)
-    # A few scans fit any map somewhere.
+    # A few scans fit somewhere on any map.
     deviations = [] if (scan_matches.is_matched & (minor < MAX_MATCH_STD)).sum() > 5 else [math.inf]
     x, y = np.sqrt(scan_matches.covariance[:, 0, 0]), np.sqrt(scan_matches.covariance[:, 1, 1])
     for across, sigma in ((0.0, x), (math.pi / 2, y), (direction + math.pi / 2, minor)):
@@ -813,10 +814,10 @@ def _measure_pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
 
 
 def _find_contradictions(grid: OccupancyGrid, beams: _MapBeams) -> tuple[Bools, Bools, float]:
-    """Cells of false and of missing walls, and the share of the walls in view that are false.
+    """Find cells of false and missing walls, and the share of false walls in view.
 
-    A beam that passes a wall at which others end is wrong from there on. Without such beams three
-    scans tell what else takes five, and one scan tells of what is connected with that.
+    Beams through confirmed walls are cut off there. With the remaining beams, three scans suffice
+    instead of five, and one scan for cells connected with a false wall.
     """
     import cv2
 
@@ -836,19 +837,19 @@ def _find_contradictions(grid: OccupancyGrid, beams: _MapBeams) -> tuple[Bools, 
 
 
 def _count_scans(grid: OccupancyGrid, stops: Bools, beams: _MapBeams) -> tuple[Ints, Ints, Floats]:
-    """Numbers of the scans that pass each cell, that end in it, and that end in it or beside it."""
+    """Count the scans that pass each cell, end in it, and end in it or next to it."""
     import cv2
 
     from locplan._support.kernels.walls import count_scans
 
     margin = find_cells_near_walls(grid)[0] / grid.resolution
     passed, hit = count_scans(stops, beams.origins, beams.ends, margin)
-    # A beam ends a cell beside the one that it met, by its noise and by the map's rounding.
+    # Noise and rounding of the map move a beam's end by a cell.
     return passed, hit, cv2.boxFilter(hit.astype(np.float64), -1, (3, 3), normalize=False)
 
 
 def _compute_share_at_walls(grid: OccupancyGrid, beams: _MapBeams) -> float:
-    """Share of the beams that end at walls, whatever they pass."""
+    """Compute the share of beams that end at walls."""
     ends = beams.ends[np.isfinite(beams.ends[..., 0])]
     row, col = np.floor(ends).astype(np.int64).T
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])

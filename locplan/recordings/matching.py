@@ -1,4 +1,4 @@
-"""Scan matching: the poses of a whole map, or near a pose, that explain a scan."""
+"""Scan matching: find the poses that explain a scan, on a whole map or near a pose."""
 
 from __future__ import annotations
 
@@ -32,40 +32,40 @@ from locplan.maps.occupancy import OCCUPIED
 from locplan.robots.lidar import Lidar
 
 TURNS = 96
-"""Number of beams all round, and of turns, at which a scan is compared with the map."""
+"""Number of beams in a full circle, and of turns at which a scan is compared with the map."""
 STEP = 2 * math.pi / TURNS
-"""Angle from one beam to the next [rad]."""
+"""Angle between beams [rad]."""
 GLOBAL_EFFECTIVE_BEAMS = 36.0
-"""Number of independent beams of a full circle, fitted to global matches of simulated scans."""
+"""Number of independent beams in a full circle, fitted to global matches of simulated scans."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class MatchingSettings(Settings):
-    """How the scan of a lidar is matched with a whole map.
+    """Settings for matching scans of a lidar with a whole map.
 
-    A pose's loss is ``global_effective_beams / 96`` times the sum over the beams that return of
-    ``-ln((1 - z_rand) exp(-D^2 / 2 sigma_hit^2) + z_rand)``, D the distance of the beam's end from
-    the nearest wall. The beams are 96 all round; a lidar of a narrower view has fewer of them.
+    The loss of a pose is ``global_effective_beams / 96`` times the sum over all returns of
+    ``-ln((1 - z_rand) exp(-D^2 / 2 sigma_hit^2) + z_rand)``, with D the distance of the beam's end
+    from the nearest wall. A full circle has 96 beams; a narrower field of view has fewer.
 
     Raises
     ------
     ConfigError
-        If a value is out of its range.
+        If a value is out of range.
     """
 
     lidar: Lidar
-    """The lidar: its range, field of view and mount; its number of beams does not matter."""
+    """The lidar with its range, field of view and mount; its number of beams is not used."""
     global_effective_beams: float = setting(GLOBAL_EFFECTIVE_BEAMS, check_positive, "beams")
-    """Number of independent beams that count as much as 96 all round, above 0."""
+    """Number of independent beams in a full circle, above 0."""
     sigma_hit: float = setting(0.1, check_positive, "m")
-    """Standard deviation of the distance of a beam's end from a wall [m], above 0; it counts as at
-    least a cell."""
+    """Standard deviation of the distance between a beam's end and a wall [m], above 0; at least a
+    cell is used."""
     z_rand: float = setting(0.05, check_positive)
-    """Share of the beams that end anywhere, above 0 and below 1."""
+    """Share of beams that end anywhere, above 0 and below 1."""
     robot_radius: float = setting(0.25, 0.0)
-    """Distance from walls at which a pose is possible [m], >= 0."""
+    """Minimum distance of a pose from walls [m], >= 0."""
     shortlisted: int = setting(600, 1, 100_000)
-    """Number of pairs of a place and a turn that are refined, before alike ones are dropped, 1 to
+    """Number of pairs of a place and a turn to refine, before similar pairs are dropped, 1 to
     100,000."""
 
     def __post_init__(self) -> None:
@@ -75,7 +75,7 @@ class MatchingSettings(Settings):
             raise ConfigError(f"z_rand must be below 1, not {self.z_rand:g}")
 
     def sigmas(self, resolution: float) -> Floats:
-        """Deviations at which a pose is refined, one after the other, at least a cell [m].
+        """Return the decreasing standard deviations for refining a pose, at least a cell [m].
 
         Parameters
         ----------
@@ -87,18 +87,18 @@ class MatchingSettings(Settings):
 
     @property
     def bearings(self) -> Floats:
-        """Directions of the beams that are compared, from the robot's front, (96,) [rad]."""
+        """Directions of the compared beams, relative to the robot's heading, (96,) [rad]."""
         return np.arange(TURNS, dtype=np.float64) * STEP
 
     @property
     def is_in_view(self) -> Bools:
-        """Mask of these beams that lie in the lidar's field of view, (96,)."""
+        """Mask of the bearings in the lidar's field of view, (96,)."""
         angle_offsets = (self.bearings - self.lidar.mount_yaw + math.pi) % (2 * math.pi) - math.pi
         half = math.radians(self.lidar.field_of_view_deg) / 2
         return np.asarray(np.abs(angle_offsets) <= half + 1e-9)
 
     def select_ranges(self, ranges: Floats) -> Floats:
-        """Ranges of scans at `bearings`.
+        """Select the ranges of scans at `bearings`.
 
         Parameters
         ----------
@@ -108,9 +108,8 @@ class MatchingSettings(Settings):
         Returns
         -------
         (n, 96) array
-            Range of the beam next to each bearing, which errs as much as any [m]: infinite without
-            a return, which is what a range below the least or beyond the greatest one is, and NaN
-            out of the view.
+            Range of the beam nearest to each bearing [m]; infinite without a return within the
+            lidar's limits, NaN outside of the field of view.
         """
         beams = self.lidar.angles + self.lidar.mount_yaw
         angle_offsets = (self.bearings[:, None] - beams + math.pi) % (2 * math.pi) - math.pi
@@ -119,7 +118,7 @@ class MatchingSettings(Settings):
         return np.where(self.is_in_view, np.where(returns, bearing_ranges, np.inf), np.nan)
 
     def make_beams(self, forward: float, left: float) -> Any:
-        """The beams that are compared, of a lidar so mounted, as the kernels take them.
+        """Make the compared beams of a lidar with this mount, for the kernels.
 
         Parameters
         ----------
@@ -131,16 +130,16 @@ class MatchingSettings(Settings):
 
     @property
     def nats_a_loss(self) -> float:
-        """Nats of the greatest loss of one beam."""
+        """Maximum loss of one beam [nats]."""
         return -math.log(self.z_rand) * self.global_effective_beams / TURNS
 
 
 BAND = 1 << 20
-"""Number of cells of a strip, which bounds the memory."""
+"""Number of cells of a strip, which limits memory."""
 
 
 def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, fits: Bools) -> Any:
-    """The losses around the map at each deviation, in the form that the kernels take."""
+    """Make tables of the losses around the map at each standard deviation, for the kernels."""
     import cv2
 
     from locplan.recordings.kernels.scan_losses import LossTables
@@ -155,7 +154,7 @@ def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, fits: Bool
     corners = np.empty((len(sigmas), height, width), np.uint32)
     rows = max(reach, BAND // width)
     for top in range(0, height, rows):
-        above = max(0, top - reach)  # wall_cells farther away than this do not count
+        above = max(0, top - reach)  # walls farther away have no effect
         part = clear[above : top + rows + 1 + reach]
         part = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         part = np.minimum(part[top - above : top - above + rows + 1], reach)
@@ -167,7 +166,7 @@ def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, fits: Bool
             words[:] = steps[:-1, :-1]
             for n, neighbour_steps in enumerate((steps[:-1, 1:], steps[1:, :-1], steps[1:, 1:]), 1):
                 words |= neighbour_steps << np.uint32(8 * n)
-    # Steps of the refinement: only with the least deviation there are several.
+    # Steps of the refinement: several only at the smallest standard deviation.
     steps = sigmas[:, None] / resolution * (0.5, 0.25, 0.125)
     steps[:-1, 1:] = 0
     return LossTables(
@@ -183,13 +182,13 @@ def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, fits: Bool
 def _tabulate_losses(
     sigmas: Floats, z_rand: float, resolution: float, farthest: float
 ) -> NDArray[np.uint32]:
-    """Losses at a squared distance of 0, 1, ... cells^2 for each deviation; the last one is `TOP`.
+    """Tabulate losses by squared distance, 0, 1, ... cells^2, for each standard deviation.
 
-    Distances of a map are at most the farthest [cells].
+    The last loss is `TOP`; `farthest` is the maximum distance on the map [cells].
     """
     from locplan.recordings.kernels.scan_losses import TOP
 
-    # At this distance a hit is half a step of loss above z_rand.
+    # The reach ends where a hit is half a step of loss above z_rand.
     excess = z_rand * math.expm1(-math.log(z_rand) / TOP / 2) / (1 - z_rand)
     reach = float(sigmas[0]) * math.sqrt(max(0.0, -2 * math.log(excess))) / resolution
     squares = np.arange(math.ceil(min(reach + 1, farthest)) ** 2 + 2)
@@ -201,27 +200,27 @@ def _tabulate_losses(
 
 
 class PosePosteriors(NamedTuple):
-    """The posteriors of n scans about n poses, in the world's frame."""
+    """Posteriors of n scans around n poses, in world coordinates."""
 
     mean: Floats
     """Mean offset from the pose, (n, 3) [m, m, rad]."""
     covariance: Floats
-    """Covariance about the mean, (n, 3, 3) [m, m, rad]."""
+    """Covariance around the mean, (n, 3, 3) [m, m, rad]."""
     best: Floats
     """Most probable offset, (n, 3) [m, m, rad]."""
     summary: Floats
-    """Entropy [nat], ambiguity, and log-likelihood a return at the most probable offset, (n, 3)."""
+    """Entropy [nat], ambiguity, and log-likelihood per return at the best offset, (n, 3)."""
 
 
 class ScanMatcher:
-    """The likelihood field of a map, made once for many scans.
+    """Matcher of scans around poses, with the likelihood field of a map.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     settings : Scan
-        The search window, and how a beam's end is scored.
+        The search window, and the likelihood of beams.
     """
 
     def __init__(self, grid: OccupancyGrid, settings: Scan) -> None:
@@ -230,7 +229,7 @@ class ScanMatcher:
 
     @classmethod
     def for_lidar(cls, grid: OccupancyGrid, lidar: Lidar) -> ScanMatcher:
-        """Matcher with the default settings for a lidar.
+        """Make a matcher with the default settings for a lidar.
 
         Parameters
         ----------
@@ -239,24 +238,24 @@ class ScanMatcher:
         lidar : Lidar
             The lidar, with its mount on the robot.
         """
-        # So many independent beams tell as much as a scan of half a turn.
+        # A scan of 180 deg counts as this number of independent beams.
         return cls(grid, Scan(lidar, effective_beams=15.0))
 
     @cached_property
     def kernel_arguments(self) -> Any:
-        """Likelihood field and offsets, in the form that the kernels take."""
+        """Likelihood field and offsets in the form of the kernels."""
         from locplan._support.kernels.likelihood import make_lattice
 
         field = self.settings.prepare(self.grid.cells, self.grid.resolution).likelihood
         return field, make_lattice(self.window.half_steps, self.window.angles)
 
     def compute_posteriors(self, on_robot: Floats, poses: Floats) -> PosePosteriors:
-        """Match scans about poses, each from the centre of its cell.
+        """Compute the posteriors of scans around poses, from the centre of each pose's cell.
 
         Parameters
         ----------
         on_robot : (n, beams, 2) array
-            Ends of all the lidar's beams ahead and to the left of the robot [m]; NaN for none.
+            Ends of all beams in the robot's frame [m]; NaN without a return.
         poses : (n, 3) array
             Poses in the world, on the map [m, m, rad].
         """
@@ -286,41 +285,42 @@ class ScanMatcher:
 
 
 BLOCK_BAND = 1 << 20
-"""Number of cells that are looked through at once, which bounds the memory."""
+"""Number of cells that are searched at once, which limits memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class RangeDatabase:
-    """The ranges at every reachable place of a map, and the losses of beams' ends around it.
+    """Expected ranges at all reachable places of a map, and tables of losses.
 
-    `ScanDatabase` is what users keep: it makes one of these when it is needed.
+    Users keep a `ScanDatabase`, which computes this when it is needed.
     """
 
     grid: OccupancyGrid
     """The map."""
     matching: MatchingSettings
-    """The lidar, and how scans are matched."""
+    """The lidar, and the settings of matching."""
     fits: Bools
-    """Mask of the cells where the robot may stand, (H, W)."""
+    """Mask of the reachable cells of the robot's centre, (H, W)."""
     positions: Floats
-    """Positions of the lidar that scans are compared with, x and y (n, 2) [cells]."""
+    """Positions x, y of the lidar with known ranges, (n, 2) [cells]."""
     codes: Octets
-    """Codes of the ranges, in blocks of 64 places."""
+    """Encoded ranges, in blocks of 64 places."""
     tables: Any
-    """The losses of beams' ends around the map, as the kernels take them."""
+    """Tables of losses in the form of the kernels."""
     squares: Octets
-    """The map, with the empty squares about its cells, as the kernels take it."""
+    """Empty squares around the map's cells, in the form of the kernels."""
 
     @cached_property
     def lever(self) -> tuple[float, float]:
-        """Position of the lidar ahead and to the left of the robot's centre [cells]."""
+        """Position of the lidar in the robot's frame, forward and left [cells]."""
         lidar, resolution = self.matching.lidar, self.grid.resolution
         return lidar.mount_x / resolution, lidar.mount_y / resolution
 
     def simulate_scans(self, poses: Floats) -> Floats:
-        """Ranges at the robot's poses, x, y [cells] and heading [rad], (n, 96) [m].
+        """Compute the expected ranges at poses, (n, 96) [m].
 
-        They belong to `Matching.bearings`: infinite without a return, NaN out of the view.
+        Ranges are at the bearings of the settings; infinite without a return, NaN outside of the
+        field of view.
 
         Parameters
         ----------
@@ -333,20 +333,20 @@ class RangeDatabase:
         return ranges
 
     def encode_ranges(self, ranges: Floats) -> Octets:
-        """Codes of ranges, of which 16 are a metre; they begin anew after 16 m.
+        """Encode ranges as bytes in steps of 1/16 m, modulo 16 m.
 
         Parameters
         ----------
         ranges : array
             Ranges, infinite without a return [m].
         """
-        # No return lies two metres behind the lidar's range, which no wall does.
+        # No return is encoded 2 m beyond the lidar's range, where no wall is seen.
         no_return = 16 * self.matching.lidar.range + 32
         counts = np.where(np.isfinite(ranges), 16 * ranges, no_return)
         return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)
 
     def convert_to_world(self, poses: Floats) -> Floats:
-        """Poses in the world, (n, 3) [m, m, rad].
+        """Convert poses on the map to world coordinates, (n, 3) [m, m, rad].
 
         Parameters
         ----------
@@ -359,19 +359,19 @@ class RangeDatabase:
 
 
 def make_range_database(grid: OccupancyGrid, matching: MatchingSettings) -> RangeDatabase:
-    """Cast the beams of a lidar at every reachable place of a map.
+    """Compute the expected ranges of a lidar at all reachable places of a map.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
-    matching : Matching
-        The lidar, and how scans are matched.
+    matching : MatchingSettings
+        The lidar, and the settings of matching.
 
     Raises
     ------
     ConfigError
-        If the robot fits nowhere, or the map has no wall.
+        If the robot fits nowhere on the map, or the map has no walls.
     """
     from locplan._support.kernels.rays import empty_squares
 
@@ -394,10 +394,10 @@ def make_range_database(grid: OccupancyGrid, matching: MatchingSettings) -> Rang
 
 
 def _encode_all_places(database: RangeDatabase) -> Octets:
-    """Codes of the ranges at all places, as `Database.codes` has them."""
+    """Encode the ranges at all places, for `RangeDatabase.codes`."""
     count = len(database.positions)
     codes = np.empty((count, TURNS), np.uint8)
-    for first in range(0, count, 1 << 14):  # in blocks, which bounds the memory
+    for first in range(0, count, 1 << 14):  # blocks limit memory
         positions = database.positions[first : first + (1 << 14)]
         poses = np.column_stack([positions, np.zeros(len(positions))])
         ranges = _cast_ranges(database, poses, 0.0, 0.0)
@@ -406,7 +406,7 @@ def _encode_all_places(database: RangeDatabase) -> Octets:
 
 
 def arrange_in_blocks(codes: Octets) -> Octets:
-    """Codes of n places, (n, turns), as `Database.codes` has them."""
+    """Arrange codes of n places, (n, turns), in blocks for `RangeDatabase.codes`."""
     from locplan._support.kernels.simd import OCTETS
 
     blocks = -(-len(codes) // OCTETS)
@@ -416,7 +416,7 @@ def arrange_in_blocks(codes: Octets) -> Octets:
 
 
 def find_reachable_cells(grid: OccupancyGrid, robot_radius: float) -> Bools:
-    """Mask of the free cells where the robot fits, (H, W), without small regions of them."""
+    """Find the free cells where the robot fits, without small regions, (H, W)."""
     import cv2
 
     fits = (grid.free & ~grid.cells_near_walls(robot_radius - 1e-9)).astype(np.uint8)
@@ -429,7 +429,7 @@ def find_reachable_cells(grid: OccupancyGrid, robot_radius: float) -> Bools:
 
 
 def select_spaced_places(spacing: float, fits: Bools, resolution: float) -> Floats:
-    """Centres of cells, the one next to the middle of each square that has any, x and y (n, 2).
+    """Select one marked cell per square, next to the square's middle; return centres (n, 2).
 
     Parameters
     ----------
@@ -451,18 +451,18 @@ def select_spaced_places(spacing: float, fits: Bools, resolution: float) -> Floa
 
 
 def _find_middles(fits: Bools, edge: int) -> Floats:
-    """Columns and rows (n, 2) of the cells next to the middles of squares."""
+    """Find the marked cells next to the middles of squares, as columns and rows (n, 2)."""
     rows, cols = np.nonzero(fits)
     block = (rows // edge) * (fits.shape[1] // edge + 1) + cols // edge
     offsets = (2 * (rows % edge) + 1 - edge) ** 2 + (2 * (cols % edge) + 1 - edge) ** 2
-    order = np.lexsort([offsets, block])  # cells that are as near stay in the order of their rows
+    order = np.lexsort([offsets, block])  # equally near cells keep the order of their rows
     block = block[order]
     middle_cells = order[np.concatenate([block[:1] >= 0, block[1:] != block[:-1]])]
     return np.column_stack([cols[middle_cells], rows[middle_cells]]).astype(np.float64)
 
 
 def _find_lidar_cells(grid: OccupancyGrid, matching: MatchingSettings, fits: Bools) -> Bools:
-    """Mask of the cells where the lidar may be."""
+    """Find the cells that the lidar can reach."""
     import cv2
 
     lidar = matching.lidar
@@ -475,7 +475,7 @@ def _find_lidar_cells(grid: OccupancyGrid, matching: MatchingSettings, fits: Boo
 
 
 def _cast_ranges(database: RangeDatabase, poses: Floats, forward: float, left: float) -> Floats:
-    """Ranges all round of a lidar so mounted at poses x, y, heading, (n, 96) [m]."""
+    """Cast a full circle of beams at poses x, y, heading, (n, 96) [m]."""
     from locplan.recordings.kernels.matches import cast_ranges
 
     beams = database.matching.make_beams(forward, left)
@@ -486,20 +486,20 @@ def _cast_ranges(database: RangeDatabase, poses: Floats, forward: float, left: f
 
 
 CLEARANCE = 0.1
-"""Default distance from walls at which a pose is possible [m]; less than the radius of robots,
-since their recorded poses and maps err."""
+"""Default minimum distance of a pose from walls [m]; less than the radius of robots, because
+recorded poses and maps have errors."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScanDatabase:
-    """What a lidar sees at all places of a map; it is made when the first scan is compared.
+    """Expected scans of a lidar at all places of a map, computed when they are first needed.
 
-    `locate` and `find_ambiguous_places` make one if none is given, and keep the last four.
+    `locate` and `find_ambiguous_places` make one by default, and keep the last four.
 
     Raises
     ------
     ConfigError
-        If a value is out of its range.
+        If a value is out of range.
 
     Examples
     --------
@@ -514,7 +514,7 @@ class ScanDatabase:
     lidar: Lidar
     """The lidar, with its mount on the robot."""
     clearance: float = CLEARANCE
-    """Distance of the robot's centre from walls at which a pose is possible [m], >= 0."""
+    """Minimum distance of the robot's centre from walls [m], >= 0."""
 
     def __post_init__(self) -> None:
         check_grid(self.grid)
@@ -526,12 +526,12 @@ class ScanDatabase:
 
     @cached_property
     def full_database(self) -> RangeDatabase:
-        """Ranges at all places.
+        """Expected ranges at all places.
 
         Raises
         ------
         ConfigError
-            If the map has no wall, or no place with this clearance.
+            If the map has no walls, or no place with this clearance.
         """
         return make_range_database(
             self.grid, MatchingSettings(lidar=self.lidar, robot_radius=self.clearance)
@@ -539,41 +539,41 @@ class ScanDatabase:
 
     @cached_property
     def matcher(self) -> ScanMatcher:
-        """What gives the covariance of a match about its pose."""
+        """Matcher for the covariance of a match."""
         return ScanMatcher.for_lidar(self.grid, self.lidar)
 
     @cached_property
     def nats_a_loss(self) -> float:
-        """Nats of the greatest loss of one of the beams that count."""
+        """Maximum loss of one compared beam [nats]."""
         matching = self.full_database.matching
         beams = len(self.matcher.settings.beam_numbers)
         return matching.nats_a_loss * float(matching.is_in_view.sum()) / beams
 
     def select_compared_ends(self, on_robot: Floats) -> Singles:
-        """Ends of the beams that return, (2, k) [cells], of those that `locplan.Scan` compares.
+        """Select the returns among the beams that `locplan.Scan` compares, (2, k) [cells].
 
         Parameters
         ----------
         on_robot : (beams, 2) array
-            Ends of all beams ahead and to the left of the robot [m]; NaN without a return.
+            Ends of all beams in the robot's frame [m]; NaN without a return.
         """
         ends = on_robot[self.matcher.settings.beam_numbers] / self.grid.resolution
         return np.ascontiguousarray(ends[np.isfinite(ends[:, 0])].T, np.float32)
 
     def select_nearby(self, xy: Floats, within: float) -> RangeDatabase:
-        """Ranges at the places near some positions.
+        """Select the expected ranges at places near some positions.
 
         Parameters
         ----------
         xy : (n, 2) array
             Positions in the world [m].
         within : float
-            Maximum distance of a place from them [m].
+            Maximum distance between a place and a position [m].
 
         Raises
         ------
         ConfigError
-            If the robot fits nowhere so near.
+            If the robot fits nowhere within this distance.
         """
         grid, full_database = self.grid, self.full_database
         is_near = full_database.fits & (_compute_distances(grid, xy) <= within)
@@ -587,30 +587,30 @@ class ScanDatabase:
 
 @lru_cache(maxsize=4)
 def get_database(grid: OccupancyGrid, lidar: Lidar, clearance: float) -> ScanDatabase:
-    """The database of a map and a lidar, one of the last or a new one."""
+    """Return the cached database of a map and a lidar, or a new one."""
     return ScanDatabase(grid, lidar, clearance)
 
 
 def resolve_database(
     grid: OccupancyGrid, lidar: Lidar, clearance: float, database: ScanDatabase | None
 ) -> ScanDatabase:
-    """The database that was given, or one of the last four, or a new one.
+    """Check a database, or by default return a cached or new one.
 
     Parameters
     ----------
     grid : OccupancyGrid
-        The map, of which it must be.
+        The map of the database.
     lidar : Lidar
-        The lidar, of which it must be.
+        The lidar of the database.
     clearance : float
-        Clearance of a database that is not given [m].
+        Clearance of a default database [m].
     database : ScanDatabase, optional
-        The one that was given.
+        The database to check.
 
     Raises
     ------
     ConfigError
-        If it is of another map or lidar, or the clearance is out of its range.
+        If the database is for another map or lidar, or the clearance is out of range.
     """
     if database is None:
         database = get_database(grid, lidar, check_number("clearance", clearance, 0.0))
@@ -623,7 +623,7 @@ def resolve_database(
 
 
 def _compute_distances(grid: OccupancyGrid, xy: Floats) -> Singles:
-    """Distance of each cell from the nearest cell with a position, (H, W) [m]."""
+    """Compute the distance of each cell from the nearest position, (H, W) [m]."""
     import cv2
 
     row, col = (np.floor(coordinate).astype(np.int64) for coordinate in grid.world_to_grid(*xy.T))
@@ -637,7 +637,7 @@ def _compute_distances(grid: OccupancyGrid, xy: Floats) -> Singles:
 
 
 def _restrict_database(database: RangeDatabase, fits: Bools) -> RangeDatabase:
-    """The part of a database of the places from which the robot can get to cells (H, W)."""
+    """Restrict a database to robot positions in a mask of cells (H, W)."""
     from locplan._support.kernels.simd import OCTETS
 
     near = _find_lidar_cells(database.grid, database.matching, fits)
@@ -653,50 +653,50 @@ def _restrict_database(database: RangeDatabase, fits: Bools) -> RangeDatabase:
     )
 
 
-BatchResult = TypeVar("Result")
+BatchResult = TypeVar("BatchResult")
 MIN_RETURNS = 5
-"""Number of returns below which a scan says nothing about its pose."""
+"""Minimum number of returns to match a scan."""
 MODE_DISTANCE, MODE_TURN = 0.8, 0.5
-"""Distance [m] and angle [rad] below which two modes are one."""
+"""Minimum distance [m] and angle [rad] between two modes."""
 MAX_MODE_EXCESS = 8.0
-"""Excess over the best pose up to which all modes are found [nats]."""
+"""Maximum excess of a mode over the best one [nats]."""
 WRONG_DISTANCE = 2.0
-"""Distance from the true position from which on a match is wrong [m]."""
+"""Maximum distance of a correct match from the true position [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScanModes:
-    """The poses that explain a scan best, the best first."""
+    """Local optima of the pose of a scan on a map, the best first."""
 
     poses: Floats
-    """x, y [cells] and heading [rad] of each on the map, (n, 3)."""
+    """x, y [cells] and heading [rad] of each mode on the map, (n, 3)."""
     losses: Floats
-    """Loss of each, (n,) [nats]."""
+    """Loss of each mode, (n,) [nats]."""
     n_returns: int
-    """Number of the scan's beams that return; below `MIN_RETURNS` there are no modes."""
+    """Number of returns of the scan; below `MIN_RETURNS` there are no modes."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScanOnMap:
-    """A scan, and the whole map that it is matched with.
+    """A scan to be matched with a whole map.
 
     Poses are x, y [cells] and heading [rad] on the map.
     """
 
     database: RangeDatabase
-    """What the lidar sees on the map, from `make_database`."""
+    """Expected ranges at all places of the map."""
     ranges: Floats
-    """Ranges of the beams in `Matching.bearings`, (96,) [m]: infinite without a return, NaN where
-    nothing is known. A beam that is neither is compared."""
+    """Ranges at the bearings of the settings, (96,) [m]; infinite without a return, NaN outside of
+    the field of view."""
 
     @cached_property
     def returns(self) -> Bools:
-        """Mask of the beams that return, (96,)."""
+        """Mask of the beams with a return, (96,)."""
         return np.isfinite(self.ranges)
 
     @cached_property
     def ends(self) -> Singles:
-        """Ends of the beams that return, ahead and to the left of the robot, (2, k) [cells]."""
+        """Ends of the returns in the robot's frame, forward and left, (2, k) [cells]."""
         database = self.database
         bearing = database.matching.bearings[self.returns]
         distances = self.ranges[self.returns] / database.grid.resolution
@@ -706,30 +706,29 @@ class ScanOnMap:
 
     @cached_property
     def lever(self) -> float:
-        """Root mean square of the ranges, which makes turns comparable with moves [cells]."""
+        """Root mean square of the ranges, to compare turns with shifts [cells]."""
         distances = self.ranges[self.returns] / self.database.grid.resolution
         return max(1.0, math.sqrt(float((distances**2).mean())))
 
     @property
     def _nats(self) -> float:
-        """Nats of one step of a kernel's loss."""
+        """Size of one step of the kernels' losses [nats]."""
         from locplan.recordings.kernels.scan_losses import TOP
 
         return self.database.matching.nats_a_loss / TOP
 
     def find_modes(self, home: Floats | None = None) -> ScanModes:
-        """Match the scan with the whole map.
+        """Find the modes of the scan on the whole map.
 
         Parameters
         ----------
         home : (3,) array, optional
-            A pose from which the search begins, too. The best mode more than 2 m from it is found
-            whatever its loss.
+            An additional start. The best mode more than 2 m away from it is always found.
         """
         return self.refine_starts(self.shortlist_starts(), home)
 
     def shortlist_starts(self) -> Floats:
-        """Poses of the robot whose ranges are nearest to the scan's, (n, 3)."""
+        """Select the poses whose expected ranges are most similar to the scan, (n, 3)."""
         from locplan.recordings.kernels.matches import shortlist
         from locplan.recordings.kernels.scan_losses import find_distinct_poses
 
@@ -737,12 +736,12 @@ class ScanOnMap:
         matching, resolution = database.matching, database.grid.resolution
         if returns.sum() < MIN_RETURNS:
             return np.empty((0, 3))
-        # Every fourth beam first, so that a part of them covers all directions.
+        # Every fourth beam first, so that the first beams cover all directions.
         order = np.concatenate([np.arange(first, TURNS, 4) for first in (0, 2, 1, 3)])
         compared = order[returns[order]]
         codes = database.encode_ranges(self.ranges)[compared]
         count = len(database.positions)
-        # From a difference of eight codes on, half a metre, a beam costs no more.
+        # The cost of a beam is bounded at a difference of eight codes, half a metre.
         _, pairs = shortlist(database.codes, count, compared, codes, 8, matching.shortlisted)
         place, turn = np.divmod(pairs, TURNS)
         heading = turn * STEP
@@ -756,12 +755,12 @@ class ScanOnMap:
         )
 
     def refine_starts(self, starts: Floats, home: Floats | None = None) -> ScanModes:
-        """Modes to which some poses lead.
+        """Refine starts to modes.
 
         Parameters
         ----------
         starts : (n, 3) array
-            The poses, as `shortlisted` gives them.
+            The poses from `shortlist_starts`.
         home : (3,) array, optional
             See `find_modes`.
         """
@@ -777,7 +776,7 @@ class ScanOnMap:
             starts if home is None else np.concatenate([home[None], starts]),
             self.lever,
             MAX_MODE_EXCESS / self._nats,
-            8 / self._nats,  # the widest deviation's refinement lowers a start's loss by no more
+            8 / self._nats,  # maximum gain of the first refinement
             np.full(2, np.nan) if home is None else home[:2],
             WRONG_DISTANCE / resolution,
             MODE_DISTANCE / resolution,
@@ -795,20 +794,20 @@ def run_in_batches(
     progress: ProgressCallback | None = None,
     batch_size: int = 16,
 ) -> list[BatchResult]:
-    """Results of numbers 0 to count - 1, which threads work at in batches.
+    """Compute results for the numbers 0 to count - 1 in batches, by threads.
 
     Parameters
     ----------
     work : callable
-        Gives the results of some of the numbers.
+        Returns the results for an array of numbers.
     count : int
-        How many there are.
+        Number of results.
     threads : int
         Number of threads.
     progress : callable, optional
         Called with (done, total) numbers.
     batch_size : int, default 16
-        How many a thread takes at a time.
+        Number of results of a batch.
     """
     results: list[BatchResult] = []
     batches = np.array_split(np.arange(count), max(1, -(-count // batch_size)))

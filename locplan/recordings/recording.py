@@ -37,14 +37,14 @@ from locplan.robots.robot import Robot
 class Recording:
     """A recorded drive of a robot with a 2D lidar.
 
-    All arrays are read-only, and have a row for each scan. `ranges`, `poses`, `times`, `odometry`
-    and `speeds` are checked and copied unless they are read-only already.
+    All arrays are read-only, with a row per scan. `ranges`, `poses`, `times`, `odometry` and
+    `speeds` are checked and copied unless they are read-only already.
 
     Raises
     ------
     RecordingError
-        If the arrays do not belong together, a pose is not finite, times go back, or no beam of any
-        scan has a return within the lidar's range.
+        If the arrays differ in length, a pose is not finite, times decrease, or no beam of any scan
+        has a return within the lidar's range.
 
     Examples
     --------
@@ -59,24 +59,23 @@ class Recording:
     """
 
     ranges: NDArray[np.float32]
-    """Distances along the beams, (n, beams) float32 [m], in the order of `lidar.angles`; inf where
-    a beam has no return: none was reported, or it lay below the lidar's least range or not below
-    its range."""
+    """Distances along the beams, (n, beams) float32 [m], in the order of `lidar.angles`; inf
+    without a return, or with a return outside of the lidar's limits."""
     lidar: Lidar
     """The lidar, with its mount on the robot."""
     poses: Floats
     """Poses x, y, heading of the robot in the map's frame at the scans, (n, 3) [m, m, rad]; all NaN
     if the log has none, see `read_recording`."""
     times: Floats | None = None
-    """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
+    """Times of the scans, (n,) [s]; None without reliable times."""
     odometry: Floats | None = None
-    """Poses by odometry at the scans, (n, 3) [m, m, rad], in a frame of its own; or None."""
+    """Poses by odometry at the scans, (n, 3) [m, m, rad], in the odometry frame; or None."""
     source: RecordingSource = field(default_factory=RecordingSource)
-    """The file, topics and frames that it was read from."""
+    """File, topics and frames of the recording."""
     speeds: Floats | None = None
-    """Speeds ahead by odometry at the scans, (n,) [m/s], NaN where unknown; or None."""
+    """Forward speeds by odometry at the scans, (n,) [m/s], NaN if unknown; or None."""
 
-    if TYPE_CHECKING:  # lists are taken, but arrays kept
+    if TYPE_CHECKING:  # the constructor accepts lists, the fields are arrays
 
         def __init__(
             self,
@@ -147,12 +146,12 @@ class Recording:
         return len(self.poses)
 
     def __getitem__(self, selection: slice | ArrayLike) -> Recording:
-        """Recording of some scans: a slice, their indices, or a mask.
+        """Return the recording of some scans, selected by a slice, indices, or a mask.
 
         Raises
         ------
         RecordingError
-            If no scan is left, or the indices are none.
+            If no scan is selected, or the indices are invalid.
         """
         index: Any = selection
         if not isinstance(selection, slice):
@@ -181,7 +180,7 @@ class Recording:
         )
 
     def subsample(self, step: int) -> Recording:
-        """Recording of every n-th scan, from the first on.
+        """Return the recording of every n-th scan, from the first on.
 
         Parameters
         ----------
@@ -191,7 +190,7 @@ class Recording:
         return self[:: check_integer("every", step)]
 
     def window(self, start: float, end: float) -> Recording:
-        """Recording of the scans of a part of the drive.
+        """Return the recording of a part of the drive.
 
         Parameters
         ----------
@@ -216,48 +215,48 @@ class Recording:
         return self[inside]
 
     def move(self, x: float, y: float, turn: float) -> Recording:
-        """Recording whose poses are turned about the map frame's origin, then shifted [m, m, rad].
+        """Return the recording with poses turned about the map frame's origin, then shifted.
 
-        It is the remedy where `fit_to_map` finds that a map was shifted.
+        Use it if `fit_to_map` finds that the map is shifted.
 
         Parameters
         ----------
         x, y : float
             Shift after the turn [m].
         turn : float
-            Turn about the frame's origin, counter-clockwise [rad].
+            Counter-clockwise turn about the frame's origin [rad].
         """
         x, y, turn = check_number("x", x), check_number("y", y), check_number("turn", turn)
         return replace(self, poses=move_poses(self.poses, (x, y, turn)))
 
     @property
     def has_poses(self) -> bool:
-        """True if the poses are known."""
+        """True if the recording has poses."""
         return not bool(np.isnan(self.poses).all())
 
     @property
     def length(self) -> float:
-        """Length of the way from scan to scan [m]."""
+        """Length of the path from scan to scan [m]."""
         return compute_path_length(self.poses)
 
     def ends_on_robot(self) -> Floats:
-        """Ends of the beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""
+        """Return the beams' ends in the robot's frame, (n, beams, 2) [m]; NaN without a return."""
         return self.lidar.ends_on_robot(self.ranges)
 
     def ends(self) -> Floats:
-        """Ends of the beams in the map's frame, (n, beams, 2) [m]; NaN for those without return."""
+        """Return the beams' ends in the map's frame, (n, beams, 2) [m]; NaN without a return."""
         return place_ends(self.ends_on_robot(), self.poses)
 
     def robot(self, base_robot: Robot | None = None) -> Robot:
-        """The robot that was recorded: its lidar, and how it moved.
+        """Return the recorded robot, with its lidar, speed and kind of drive.
 
-        Where its kinematics are not known, its usual speed is the median while it moves, and it is
-        omnidirectional if its odometry has it drive sideways.
+        Unless its kinematics are known, the speed is the median while the robot moves, and the
+        robot is omnidirectional if it moves sideways by odometry.
 
         Parameters
         ----------
         base_robot : Robot, optional
-            What else is known of it; the defaults without it.
+            The robot's other settings; by default those of `Robot()`.
 
         Examples
         --------
@@ -277,19 +276,19 @@ class Recording:
             steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
             with np.errstate(divide="ignore", invalid="ignore"):
                 speeds = steps / np.diff(self.times)
-            moving = speeds[np.isfinite(speeds) & (speeds > 0.05)]  # else it counts as standing
+            moving = speeds[np.isfinite(speeds) & (speeds > 0.05)]  # slower robots stand still
             if moving.size:
                 kinematics_settings["speed"] = round(float(np.median(moving)), 2)
         if self.odometry is not None:
             ahead, left, turn = compute_motions(self.odometry[:-1], self.odometry[1:]).T
-            straight = np.abs(wrap_angles(turn)) < 0.02  # an arc leads aside, too
+            straight = np.abs(wrap_angles(turn)) < 0.02  # an arc also moves the robot sideways
             way = np.hypot(ahead, left)[straight].sum()
             if np.abs(left)[straight].sum() > 0.2 * way:
                 kinematics_settings["drive"] = "omnidirectional"
         return replace(robot, kinematics=replace(robot.kinematics, **kinematics_settings))
 
     def summary(self) -> dict[str, Any]:
-        """Length, duration, spacing and shares of returns, fit for JSON."""
+        """Return length, duration, spacing and shares of returns, for JSON."""
         finite_ranges = self.ranges[np.isfinite(self.ranges)]
         steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
         source, has_odometry = self.source, self.odometry is not None
@@ -340,7 +339,7 @@ class Recording:
         return format_table([], self.rows())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save the recording without loss; `read_recording` describes the file.
+        """Save the recording without loss, in the format that `read_recording` describes.
 
         Parameters
         ----------
@@ -350,9 +349,9 @@ class Recording:
         Raises
         ------
         RecordingError
-            If the file has another suffix.
+            If the file does not end in .npz.
         LocplanError
-            If it cannot be written.
+            If the file cannot be written.
         """
         from locplan.recordings.files import save_recording
 
@@ -360,7 +359,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Recording:
-        """Load what `save` wrote.
+        """Load a recording that `save` wrote.
 
         Parameters
         ----------
@@ -370,7 +369,7 @@ class Recording:
         Raises
         ------
         RecordingError
-            If the file cannot be read, or holds no recording.
+            If the file cannot be read, or is not a recording.
         """
         from locplan.recordings.files import read_recording
 

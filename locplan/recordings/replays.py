@@ -1,4 +1,4 @@
-"""AMCL run again on the odometry and the scans of a recorded drive."""
+"""Replays of AMCL on the odometry and scans of a recorded drive."""
 
 from __future__ import annotations
 
@@ -61,9 +61,10 @@ REPLAY = 14
 
 
 def find_sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
-    """A note if the filter updates less often than it would with more scans, and than Nav2's does.
+    """Return a note if the scans are too sparse for the updates of the filter; otherwise nothing.
 
-    Else settings that update often would make any log a sparse one.
+    Updates must also be rarer than with Nav2's defaults, so that frequent updates in the settings
+    do not make every log sparse.
 
     Parameters
     ----------
@@ -86,12 +87,12 @@ def find_sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
 
 
 class ReplayInputs:
-    """What the filter gets of a recorded drive, in a map's own axes.
+    """Inputs of the filter from a recorded drive, in the map frame.
 
     Raises
     ------
     RecordingError
-        If the drive has no odometry, or its first pose is not on the map.
+        If the drive has no odometry, or its first pose is outside of the map.
     """
 
     def __init__(self, recording: Recording, grid: OccupancyGrid) -> None:
@@ -122,12 +123,12 @@ class ReplayInputs:
     def make_arguments(
         self, robot: Robot, scores: NDArray[np.float32] | None = None
     ) -> DriveArguments:
-        """The arguments of the kernels; of the disturbances those of the start are read."""
+        """Make the arguments of the kernels for a robot."""
         robot = replace(robot, lidar=self.recording.lidar)
         return make_drive_arguments(self.grid, robot, scores=scores)
 
     def select_ends(self, amcl: Amcl) -> Floats:
-        """Ends of the beams that AMCL compares, (n, beams, 2) [cells]; NaN without a return."""
+        """Select ends of the beams that AMCL uses, (n, beams, 2) [cells]; NaN without a return."""
         ends = compared_ends(amcl, self.recording.lidar, self.recording.ranges)
         return ends / self.grid.resolution
 
@@ -137,7 +138,7 @@ class ReplayInputs:
         ends: Floats,
         arguments: DriveArguments,
     ) -> tuple[Floats, Floats]:
-        """Errors (n, 3) and covariances (n, 3, 3) of one run, in the world."""
+        """Run the filter once; return errors (n, 3) and covariances (n, 3, 3) in the world."""
         from locplan._support.kernels.drives import replay_filter as kernel
 
         truth = self.truth
@@ -153,31 +154,31 @@ class ReplayInputs:
 def remove_jumps(
     poses: Floats, odometry: Floats, faulty: NDArray[np.bool_] | None = None
 ) -> tuple[Floats, Floats, int]:
-    """Poses and odometry that both stand still where they jump apart, and the number of jumps.
+    """Remove jumps between poses and odometry by standing still; return both, and their number.
 
-    One jump would count for more than all the noise of a drive. They stand still at faulty steps,
-    too.
+    Otherwise, a jump would outweigh all noise of a drive. Faulty steps are removed as well.
 
     Parameters
     ----------
     poses, odometry : (n, 3) arrays
-        Recorded poses and those by odometry [m, m, rad], each in a frame of its own.
+        Recorded poses, and poses by odometry, in separate frames [m, m, rad].
     faulty : (n - 1,) array of bool, optional
         Mask of the steps of odometry that are wrong.
 
     Examples
     --------
     >>> poses = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
-    >>> still, odometry, jumps = without_jumps(poses, poses + [[5.0, 0, 0], [5.0, 0, 0], [0, 0, 0]])
+    >>> shifted = poses + [[5.0, 0, 0], [5.0, 0, 0], [0, 0, 0]]
+    >>> still, odometry, jumps = remove_jumps(poses, shifted)
     >>> still[:, 0].tolist(), odometry[:, 0].tolist(), jumps
     ([0.0, 1.0, 1.0], [5.0, 6.0, 6.0], 1)
     """
-    true, reported = (compute_motions(motions[:-1], motions[1:]) for motions in (poses, odometry))
+    true, reported = (compute_motions(track[:-1], track[1:]) for track in (poses, odometry))
     off = reported - true
     step_error, true_way, way = (
         np.hypot(motions[:, 0], motions[:, 1]) for motions in (off, true, reported)
     )
-    # Half a metre or half a radian, and three tenths of the step, are no jump yet.
+    # A jump exceeds 0.5 m or 0.5 rad, plus 30 % of the step.
     far = step_error > 0.5 + 0.3 * np.minimum(true_way, way)
     far |= np.abs(wrap_angles(off[:, 2])) > 0.5 + 0.3 * np.abs(wrap_angles(true[:, 2]))
     left_out = far if faulty is None else far | faulty
@@ -191,7 +192,7 @@ def remove_jumps(
 
 
 def _chain_motions(first: Floats, ways: Floats, left_out: NDArray[np.bool_]) -> Floats:
-    """The poses to which ways lead from the first one, but for those that are left out."""
+    """Chain motions from the first pose, without the ones left out."""
     ahead, left, turn = np.where(left_out[:, None], 0.0, ways).T
     heading = first[2] + np.append(0.0, np.cumsum(turn))
     cos, sin = np.cos(heading[:-1]), np.sin(heading[:-1])
@@ -202,27 +203,27 @@ def _chain_motions(first: Floats, ways: Floats, left_out: NDArray[np.bool_]) -> 
 
 @dataclass(frozen=True)
 class FilterConsistency:
-    """The filter's own covariance beside its errors, where it resampled its particles.
+    """Consistency of the filter's covariances with its errors, at updates with resampling.
 
-    The interval is a percentile bootstrap over blocks of 10 m of the drive; NaN where it has fewer
-    than five.
+    The interval comes from a bootstrap over blocks of 10 m of the drive; NaN with fewer than five
+    blocks.
     """
 
     share_within: Interval
-    """Share of the recorded positions in the filter's 95 % ellipse, 0..1."""
+    """Share of recorded positions within the filter's 95 % ellipse, 0..1."""
     ellipse_factor: float
-    """Factor by which the filter's ellipses would have to be wider for half of the positions to lie
-    in those of 50 %; 1 where they are right."""
+    """Factor on the size of the filter's ellipses that makes them correct: half of the positions
+    lie within the 50 % ellipses then."""
     filter_std: float
     """Median of the filter's rms deviation of the position [m]."""
     error: float
-    """Median of the distance from the recorded position, at the same scans [m]."""
+    """Median distance from the recorded position, at the same scans [m]."""
     updates: int
-    """Number of these scans; without any, all values are NaN."""
+    """Number of updates; without any, all other values are NaN."""
 
     @property
     def sentence(self) -> str:
-        """What this means for the filter's user."""
+        """Verdict on the covariances, for people."""
         if self.updates < 10:
             return (
                 f"The filter resampled its particles at {self.updates} of the scans, too few to"
@@ -231,12 +232,14 @@ class FilterConsistency:
         share = f"{self.share_within.value:.0%} of the recorded positions lie in its 95% ellipse"
         if self.share_within.value < 0.85:
             return (
-                f"The filter is overconfident: {share}, which would have to be {self.ellipse_factor:.1f}"
+                f"The filter is overconfident: {share}, which would have to be"
+                f" {self.ellipse_factor:.1f}"
                 " times as wide; or the recorded poses are off by as much."
             )
         if self.share_within.value > 0.98 and self.ellipse_factor < 0.7:
             return (
-                f"The filter says that it is unsure: {share}, which could be {self.ellipse_factor:.1f} times"
+                f"The filter says that it is unsure: {share}, which could be"
+                f" {self.ellipse_factor:.1f} times"
                 " as wide."
             )
         return f"The filter's covariance agrees with its errors: {share}."
@@ -244,7 +247,7 @@ class FilterConsistency:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Replay(Result):
-    """Runs of AMCL on one recorded drive, which differ by their random numbers alone."""
+    """Runs of AMCL on one recorded drive with different random numbers."""
 
     files: ClassVar[ResultFiles] = ResultFiles(
         "replay",
@@ -264,19 +267,19 @@ class Replay(Result):
     seed: int
     """Seed of all random numbers."""
     errors: Floats
-    """The filter's pose minus the recorded one, (runs, n, 3), in the world [m, m, rad]."""
+    """The filter's pose minus the recorded pose, (runs, n, 3), in the world [m, m, rad]."""
     covariances: Floats
-    """Covariance of the particles as AMCL publishes it, (runs, n, 3, 3), in the world; NaN where
-    they were not resampled."""
+    """Covariance of the particles as AMCL publishes it, (runs, n, 3, 3), in the world; NaN without
+    resampling."""
     filter_map: OccupancyGrid | None = None
-    """The filter's map, where it is not `grid`."""
+    """The filter's map, if it is not `grid`."""
 
     def __repr__(self) -> str:
         return f"Replay({self.grid.name or 'map'}, {self.drives!r})"
 
     @cached_property
     def drives(self) -> Drives:
-        """The errors, as those of simulated drives."""
+        """The runs as drives, with the same statistics as simulated drives."""
         return Drives(self.recording.poses, self.errors)
 
     @property
@@ -291,10 +294,11 @@ class Replay(Result):
 
     @property
     def nees(self) -> Floats:
-        """Squared distance of the recorded position from the filter's, in its own standard
-        deviations (NEES), (runs, n); NaN where it did not resample. Right covariances have 2 on
-        average."""
-        # Another 0.1 mm, so that no covariance is singular.
+        """Normalized estimation error squared (NEES) of the position, (runs, n).
+
+        NaN without resampling. The mean is 2 if the covariances are correct.
+        """
+        # Add 0.1 mm, so that no covariance is singular.
         covariance = self.covariances[..., :2, :2] + 1e-8 * np.eye(2)
         error = self.errors[..., :2]
         a, b, c = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
@@ -303,20 +307,20 @@ class Replay(Result):
 
     @property
     def filter_std(self) -> Floats:
-        """Rms deviation of the position by the filter itself, the median over runs, (n,) [m]."""
+        """Rms deviation of the position that the filter reports, median over runs, (n,) [m]."""
         return np.asarray(np.median(scalar(self.covariances, "position_rms"), axis=0))
 
     @cached_property
     def consistency(self) -> FilterConsistency:
-        """How well the filter knows its own errors."""
+        """Consistency of the filter's covariances with its errors."""
         at = self.is_updated
         if not at.any():
             unknown = math.nan
             return FilterConsistency(
                 Interval(unknown, unknown, unknown), unknown, unknown, unknown, 0
             )
-        # Where the covariance is right, these squares have a chi-square distribution of two
-        # degrees of freedom: 95 % of them are below -2 ln 0.05, and half below 2 ln 2.
+        # With correct covariances, the NEES has a chi-square distribution of two degrees of
+        # freedom: 95 % are below -2 ln 0.05, and half are below 2 ln 2.
         squares = self.nees[:, at]
         inside = (squares <= -2 * math.log(0.05)).mean(axis=0)
         return FilterConsistency(
@@ -329,7 +333,7 @@ class Replay(Result):
 
     @property
     def verdict(self) -> str:
-        """What this means for the filter's user: whether it is lost, and if it knows its errors."""
+        """Verdict for people: whether the filter gets lost, or the consistency of its errors."""
         drives, lost = self.drives, self.drives.lost_rate.value
         if self.is_sparse:
             note = self.notes[0]
@@ -358,16 +362,16 @@ class Replay(Result):
 
     @property
     def is_sparse(self) -> bool:
-        """True if the log has so few scans that losses of the filter are the log's own."""
+        """True if the log has too few scans to measure how often the filter gets lost."""
         return bool(find_sparse_notes(self.recording, self.robot.amcl))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What limits the replay, in sentences without a full stop."""
+        """Limits of the replay, as sentences without a full stop."""
         return find_sparse_notes(self.recording, self.robot.amcl)
 
     def summary(self) -> dict[str, object]:
-        """All that was found, fit for JSON."""
+        """Return all results for JSON."""
         consistency = self.consistency
         content: dict[str, object] = {
             "drive": self.recording.summary(),
@@ -390,18 +394,18 @@ class Replay(Result):
         return nan_to_none(content)
 
     def table(self) -> Table:
-        """A row per scan: the recorded pose, the errors there, and the filter's own deviation."""
+        """Return a row per scan: recorded pose, errors, and the filter's reported deviation."""
         rows = np.column_stack([self.drives.profile(), self.filter_std]).tolist()
         return Table((*PROFILE_COLUMNS, Column("filter_std", "m")), tuple(map(tuple, rows)))
 
     def figure(self) -> Figure:
-        """The recorded way and the filter's over the map, and its error along the drive."""
+        """Draw the recorded path and the filter's on the map, and the error along the drive."""
         from locplan.recordings.figures import replay_figure
 
         return replay_figure(self)
 
     def report(self) -> str:
-        """Table of the errors against the recorded poses, and of the filter's consistency."""
+        """Return a table of the errors and of the filter's consistency, with a verdict."""
         return replay_report(self)
 
 
@@ -422,8 +426,8 @@ def replay(
 ) -> Replay:
     """Run AMCL on the odometry and the scans of a recorded drive.
 
-    It is the filter of the simulated drives, which follows Nav2's. It knows the odometry only at
-    the scans, and begins about the first recorded pose, off by a random amount, as in simulation.
+    The filter is the same as in simulated drives and follows Nav2's AMCL. It gets odometry only at
+    the scans, and starts near the first recorded pose, with a random error as in simulation.
 
     Parameters
     ----------
@@ -449,14 +453,14 @@ def replay(
     Returns
     -------
     Replay
-        The errors of all runs, the filter's own covariances, and a verdict.
+        The errors and covariances of all runs, and a verdict.
 
     Raises
     ------
     RecordingError
-        If the drive has no odometry, or its first pose is not on the map.
+        If the drive has no odometry, or its first pose is outside of the map.
     ConfigError
-        If a number is out of its range.
+        If a number is out of range.
 
     Examples
     --------
@@ -496,10 +500,10 @@ def replay(
 
 
 def replay_report(replay: Replay) -> str:
-    """Table of the errors against the recorded poses, and of the filter's consistency."""
+    """Return a table of the errors and of the filter's consistency, with a verdict."""
     consistency, within = replay.consistency, replay.consistency.share_within
     share = f"{within.value:.0%}" if np.isnan(within.low) else format_percent(within)
-    # A rate of losses would be that of the log's lack of scans, not of the filter.
+    # With sparse scans, rates of losses describe the log, not the filter.
     columns = [
         column for column in DRIVE_COLUMNS if column not in RATE_COLUMNS or not replay.is_sparse
     ]
@@ -528,24 +532,24 @@ def replay_report(replay: Replay) -> str:
 
 
 RUNS = 12
-"""Number of runs of a filter over a drive: of settings that end one run in ten lost, some run of 12
-does so in 72 %."""
+"""Number of runs of a filter over a drive: settings that lose 10 % of the runs lose at least one of
+12 runs with a probability of 72 %."""
 SHORTEST = 30.0
-"""Length from which on a drive decides [m]."""
+"""Minimum length of a drive to compare settings [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReplayedDrive:
-    """A recorded drive on its map, over which any settings can be replayed."""
+    """A recorded drive on its map, to replay different filter settings."""
 
     name: str
     """Name in tables."""
     recording: Recording
-    """The drive, with odometry; its poses are the ground truth."""
+    """The drive, with odometry and ground-truth poses."""
     grid: OccupancyGrid
     """The map."""
     robot: Robot
-    """The robot, whose filter is replaced by the settings."""
+    """The robot; its filter is replaced by the replayed settings."""
     filter_map: OccupancyGrid | None = None
     """The filter's map, if it is not `grid`."""
     runs: int = RUNS
@@ -553,10 +557,10 @@ class ReplayedDrive:
     seed: int = 1
     """Seed of all random numbers; equal settings have equal runs."""
     threads: int | None = None
-    """Number of threads, all cores by default."""
+    """Number of threads; all cores by default."""
 
     def replay(self, amcl: Amcl) -> Drives:
-        """Replay settings over the whole drive.
+        """Replay filter settings over the whole drive.
 
         Parameters
         ----------
@@ -575,7 +579,7 @@ class ReplayedDrive:
 
 
 def find_replay_limit(recording: Recording) -> str:
-    """Return why settings cannot be judged by replays of a recording; empty if they can.
+    """Return the reason why a recording is unsuitable to compare settings; empty if suitable.
 
     Parameters
     ----------

@@ -27,20 +27,20 @@ def record_drive(
     speed: float = 0.5,
     seed: int = 1,
 ) -> Recording:
-    """Record a simulated drive along a path, in a world that differs from the map a little.
+    """Record a simulated drive along a path, in a world that differs slightly from the map.
 
-    The recorded poses are the true ones, and ranges are whole millimetres.
+    The recorded poses are true, and ranges are rounded to millimetres.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     path : Path, Plan, or (n, 2) or (n, 3) array
-        The way of the robot, in the world [m, m, rad].
+        The path of the robot, in the world [m, m, rad].
     robot : Robot, optional
-        The robot with the lidar that is recorded; by default one of 6 m that sees all round.
+        The robot with its lidar; by default with a range of 6 m and a full field of view.
     spacing : float, default 0.2
-        Distance from scan to scan [m], above 0; it is rounded to multiples of 0.05 m.
+        Distance between scans [m], above 0, rounded to multiples of 0.05 m.
     speed : float, default 0.5
         Speed of the robot [m/s], above 0.
     seed : int, default 1
@@ -94,7 +94,7 @@ def record_drive(
         measure_ends(random, world, size, pose, sensor, arguments.disturbances, ends)
         beam_vectors = ends * grid.resolution - (lidar.mount_x, lidar.mount_y)
         ranges[n] = np.hypot(*beam_vectors.T)
-    # A hundredth of a second a scan beside the way's time, so that turns on the spot take some.
+    # Add 0.01 s per scan, so that turns on the spot take time.
     times = compute_travel_distances(line)[::pose_step] / speed + 0.01 * np.arange(
         len(poses), dtype=float
     )

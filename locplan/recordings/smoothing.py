@@ -1,4 +1,4 @@
-"""The ground truth of a recorded drive: its trajectory by scans, odometry and map together."""
+"""Smoothing: the ground truth of a recorded drive from its scans, its odometry and the map."""
 
 from __future__ import annotations
 
@@ -43,24 +43,25 @@ from locplan.recordings.trajectory import (
 from locplan.robots.robot import Robot
 
 KEY_WAY, KEY_TURN = 0.3, 0.2
-"""Way [m] and turn [rad] from one key scan to the next."""
+"""Distance [m] and turn [rad] from one key scan to the next."""
 SCAN_BEAMS = 180
 """Maximum number of beams of a scan that least squares use."""
 FINE, FINE_BEAMS = 0.1, 150.0
-"""Deviation of beams' ends [m], and number of independent beams in a scan, of least squares."""
+"""Standard deviation of beams' ends [m], and number of independent beams of a scan, for the least
+squares."""
 COVARIANCE_BEAMS = 30.0
-"""Number of independent beams in a scan of the covariance: fewer, because maps have faults."""
+"""Number of independent beams of a scan for covariances: fewer, because maps have faults."""
 UNCERTAIN_STD, UNCERTAIN_TURN = 0.15, math.radians(4)
-"""Deviations of position [m] and heading [rad] from which a pose is uncertain."""
+"""Standard deviations of position [m] and heading [rad] above which a pose is uncertain."""
 SCATTER = 0.1
-"""Distance of the proposed trajectories from the likeliest one from which it is ambiguous [m]."""
+"""Distance between the proposed and the best trajectory above which a pose is ambiguous [m]."""
 BAD_FIT_BELOW, BRIDGED_WAY = -0.8, 2.0
-"""Log-likelihood a beam below which a scan does not fit the map, and way from the scan before it to
-the one after it on which odometry is trusted if these fit [m]."""
+"""Log-likelihood per beam below which a scan does not fit the map, and maximum distance between
+its neighbours over which odometry bridges such a scan [m]."""
 JUMP_WAY = 1.0
-"""Way after a jump on which poses are not trusted [m]."""
+"""Distance after a jump on which poses are doubtful [m]."""
 DISPLACED_SHIFT, DISPLACED_TURN, DISPLACED_LENGTH = 0.2, 0.1, 40.0
-"""Least shift [m], least turn [rad] and greatest length [m] of a displaced stretch of the map."""
+"""Minimum shift [m], minimum turn [rad] and maximum length [m] of a displaced part of the map."""
 
 
 def smooth(
@@ -73,19 +74,19 @@ def smooth(
     seed: int = 1,
     progress: ProgressCallback | None = None,
 ) -> Trajectory:
-    """Find the ground truth of a recorded drive from its scans, its odometry and the map.
+    """Compute the ground truth of a recorded drive from its scans, its odometry and the map.
 
-    The recorded poses serve as odometry if the drive has none, and as the start if that is "log".
-    Otherwise they are not read.
+    The recorded poses replace missing odometry, and are the start if that is "log". Otherwise they
+    are not used.
 
-    1. Key scans are chosen: one every 0.3 m or 0.2 rad.
-    2. A particle filter runs along the key scans in both directions. It searches the whole map
-       when it is lost. Trajectories are sampled from its particles and refined by least squares.
-    3. The likeliest trajectory is joined from them.
-    4. All other scans follow odometry from the key scans.
-    5. All poses are refined together by least squares, in turns with the errors of odometry.
-    6. The covariances follow from the least squares and from how well the map fits.
-    7. Poses that are not to be trusted are marked.
+    1. Choose key scans, every 0.3 m or 0.2 rad.
+    2. Run a particle filter along the key scans in both directions. It searches the whole map
+       when it is lost. Sample trajectories from its particles and refine them by least squares.
+    3. Combine the most probable trajectory from the samples.
+    4. Place the scans between key scans by odometry.
+    5. Refine all poses by least squares, alternating with the errors of odometry.
+    6. Compute covariances from the least squares and the fit of the map.
+    7. Mark doubtful poses.
 
     Parameters
     ----------
@@ -94,12 +95,12 @@ def smooth(
     recording : Recording
         The drive.
     robot : Robot, optional
-        The robot. If its odometry errs by more than is usual, the smoother allows for that.
+        The robot. Large errors of its odometry widen the error model.
     start : (x, y, heading) or "log", optional
-        Pose of the first scan in the world [m, m, rad], to 0.5 m and 10 deg, or that of the
-        recording; by default it is not known.
+        Pose of the first scan in the world [m, m, rad], accurate to 0.5 m and 10 deg; "log" uses
+        the recorded pose. By default the whole map is searched.
     folder : path, optional
-        Folder for intermediate results, from which the same call resumes after an interruption.
+        Folder for intermediate results; an interrupted call resumes from them.
     seed : int, default 1
         Seed of all random numbers, >= 0.
     progress : callable, optional
@@ -108,7 +109,7 @@ def smooth(
     Returns
     -------
     Trajectory
-        The poses at all scans, how sure they are, and which are not to be trusted.
+        The poses at all scans, their covariances, and the doubtful poses.
 
     Raises
     ------
@@ -162,7 +163,7 @@ def _check_drive(grid: OccupancyGrid, recording: Recording, seed: int) -> None:
 def _parse_first_pose(
     grid: OccupancyGrid, recording: Recording, start: ArrayLike | str | None
 ) -> Floats | None:
-    """Return the pose of the first scan in the map's own axes; None if it is not known."""
+    """Return the pose of the first scan in the map frame; None if it is unknown."""
     if start is None:
         return None
     try:
@@ -185,23 +186,23 @@ def _parse_first_pose(
 
 @dataclass(frozen=True, eq=False)
 class _DriveOnMap:
-    """A recorded drive and its map, as the steps need them; poses are in the map's own axes."""
+    """A recorded drive prepared for smoothing on its map; poses are in the map frame."""
 
     grid: OccupancyGrid
     recording: Recording
     walls: Walls
     database: ScanDatabase
-    """The scans of the whole map, with which a lost filter finds itself."""
+    """Scans at all places of the map, for global localization of a lost filter."""
     odometry: Floats
-    """Poses by odometry, or the log's own if it has none, (n, 3) [m, m, rad]."""
+    """Poses by odometry, or recorded poses without odometry, (n, 3) [m, m, rad]."""
     ends: Floats
     """Ends of up to 180 beams of each scan on the robot, (n, b, 2) [m]; NaN without a return."""
 
     @classmethod
     def prepare(cls, grid: OccupancyGrid, recording: Recording) -> _DriveOnMap:
-        """Prepare a drive."""
+        """Prepare a recording for smoothing."""
         database = resolve_database(grid, recording.lidar, CLEARANCE, None)
-        _ = database.full_database  # before the work that shows its progress
+        _ = database.full_database  # computed before the work that reports progress
         odometry = recording.poses if recording.odometry is None else recording.odometry
         lidar, ranges = recording.lidar, recording.ranges
         beams = np.unique(np.linspace(0, lidar.beams - 1, SCAN_BEAMS).astype(np.int64))
@@ -211,7 +212,7 @@ class _DriveOnMap:
         return cls(grid, recording, Walls(grid), database, odometry, ends)
 
     def choose_key_scans(self) -> Ints:
-        """Choose the scans that the filter takes: the first and last one, and some between."""
+        """Choose the scans for the filter: the first and last one, and some in between."""
         moves = OdometryMoves.from_odometry(self.odometry, np.arange(len(self.odometry)))
         way, turn_sums, keys = np.cumsum(moves.lengths), np.cumsum(moves.turn_sums), [0]
         for n in range(1, len(way)):
@@ -223,7 +224,7 @@ class _DriveOnMap:
         return np.array(keys)
 
     def make_chain(self, scans: Ints, model: OdometryModel) -> ScanChain:
-        """Return the chain of some scans."""
+        """Make the chain of the selected scans."""
         return ScanChain(
             self.walls,
             scans,
@@ -270,7 +271,7 @@ def _propose_trajectories(
 ) -> tuple[ScanChain, Floats]:
     """Sample trajectories from a filter in both directions, and refine them by least squares.
 
-    Returns the key scans with what they tell of odometry, and the trajectories (32, k, 3).
+    Returns the key scans with the learned odometry model, and the trajectories (32, k, 3).
     """
     report_forth, report_back = (
         scale_progress(part, 500) for part in split_progress(progress, [500, 500])
@@ -282,7 +283,7 @@ def _propose_trajectories(
         learned, None, seed, folder, report_back, number=1, is_backwards=True
     )
     back = learned.refine_samples(samples)
-    # If odometry is much worse than assumed, the first pass was too confident: it runs again.
+    # If odometry is much worse than assumed, repeat the first pass with the learned model.
     wider = learned.model.compute_deviations(keys.moves) / keys.model.compute_deviations(keys.moves)
     if np.median(wider[1:], axis=0).max() > 1.3:
         samples = drive.run_filter(learned, first_pose, seed, folder, report_back, number=2)
@@ -291,9 +292,9 @@ def _propose_trajectories(
 
 
 def _compute_scatter(keys: ScanChain, key_poses: Floats, candidates: Floats) -> Floats:
-    """Compute the root mean square distance of candidates from the likeliest poses, (k,) [m].
+    """Compute the root mean square distance of candidates from the best poses, (k,) [m].
 
-    They are refined until they hardly move any more: what then remains are other places.
+    Candidates are refined until they converge, so that the remaining distances show other places.
     """
     refined = np.array([keys.refine(candidate, 10) for candidate in candidates])
     return np.asarray(np.sqrt(((refined - key_poses)[..., :2] ** 2).sum(axis=2).mean(axis=0)))
@@ -302,11 +303,11 @@ def _compute_scatter(keys: ScanChain, key_poses: Floats, candidates: Floats) -> 
 def _follow_odometry(
     drive: _DriveOnMap, keys: ScanChain, key_poses: Floats
 ) -> tuple[ScanChain, Floats, Ints]:
-    """Spread the poses of the key scans to all scans.
+    """Compute the poses of all scans from the key scans by odometry.
 
-    Scans follow odometry from the key scan before. If odometry jumps to the next key scan, they
-    follow it until the jump, and after that they lead to the next key scan: the jump is where the
-    scans fit best so. Returns the chain of all scans, their poses, and the key scan of each.
+    Scans follow odometry from the previous key scan. If odometry jumps before the next key scan,
+    scans after the jump follow odometry backwards from the next key scan. The jump is placed so
+    that the scans fit best. Returns the chain of all scans, their poses, and their key scans.
     """
     scans = np.arange(len(drive.odometry))
     chain = drive.make_chain(scans, keys.model)
@@ -329,7 +330,7 @@ def _follow_odometry(
 
 
 def _refine_all(chain: ScanChain, poses: Floats) -> tuple[ScanChain, Floats]:
-    """Refine all poses together, and learn how odometry errs from them."""
+    """Refine all poses by least squares, alternating with the error model of odometry."""
     poses = chain.refine(poses, 15)
     for _ in range(2):
         chain = chain.learn_odometry(poses)
@@ -340,7 +341,7 @@ def _refine_all(chain: ScanChain, poses: Floats) -> tuple[ScanChain, Floats]:
 def _compute_covariances(
     grid: OccupancyGrid, chain: ScanChain, poses: Floats, fits: Floats
 ) -> Floats:
-    """Compute the covariances of poses, wider where the map fits badly, (n, 3, 3) [m, m, rad]."""
+    """Compute covariances of poses, (n, 3, 3) [m, m, rad]; a bad fit of the map widens them."""
     misfit = np.nan_to_num(np.maximum(np.nanmedian(fits) - fits, 0.0))
     position = (0.2 * grid.resolution) ** 2 + 0.01**2 + (0.1 * misfit) ** 2
     turn = np.full(len(fits), math.radians(0.2) ** 2)
@@ -356,9 +357,10 @@ def _find_doubts(
     scatter: Floats,
     is_bridged: Bools,
 ) -> Ints:
-    """Return why each pose is not to be trusted, (n,); the last reason that applies counts.
+    """Return the doubt about each pose as an index of `DOUBTS`, (n,).
 
-    `scatter` is the distance of the proposed trajectories from the likeliest one [m].
+    If several doubts apply, the last one counts. `scatter` is the distance of the proposed
+    trajectories from the best one [m].
     """
     doubts, way = np.zeros(len(poses), np.int64), np.cumsum(chain.moves.lengths)
     doubts[chain.find_displaced(poses)] = MAP_MOVED
@@ -374,9 +376,9 @@ def _find_doubts(
 
 
 def _find_misfits(fits: Floats, way: Floats) -> Bools:
-    """Return the mask of scans that do not fit the map, but for single ones.
+    """Return the mask of scans that do not fit the map.
 
-    Odometry leads over a single scan, if those before and after it fit.
+    A single scan between two fitting scans is not marked, because odometry bridges it.
     """
     is_fitting = np.concatenate([[False], fits >= BAD_FIT_BELOW, [False]])
     around = np.concatenate([[-np.inf], way, [np.inf]])
@@ -392,7 +394,7 @@ def _make_trajectory(
     doubts: Ints,
     fits: Floats,
 ) -> Trajectory:
-    """Return the trajectory in the world."""
+    """Make the trajectory in world coordinates."""
     grid, recording = drive.grid, drive.recording
     x, y = grid.grid_to_world(poses[:, 1] / grid.resolution, poses[:, 0] / grid.resolution)
     world = np.column_stack([x, y, wrap_angles(poses[:, 2] + grid.origin[2])])
@@ -414,26 +416,26 @@ def _make_trajectory(
 
 @dataclass(frozen=True, eq=False)
 class ScanChain:
-    """Successive scans of a drive, and the least squares of their poses."""
+    """Chain of successive scans, whose poses are estimated by least squares."""
 
     walls: Walls
     scans: Ints
-    """Numbers of the scans in the drive, (n,)."""
+    """Indices of the scans in the drive, (n,)."""
     ends: Floats
-    """Ends of their beams on the robot, (n, b, 2) [m]; NaN without a return."""
+    """Ends of the beams in the robot's frame, (n, b, 2) [m]; NaN without a return."""
     moves: OdometryMoves
-    """The moves between them by odometry."""
+    """Moves between the scans by odometry."""
     model: OdometryModel
-    """How odometry errs."""
+    """Error model of odometry."""
     jumps: tuple[int, ...] = ()
-    """Scans to which odometry does not lead."""
+    """Scans before which odometry jumps."""
 
     @cached_property
     def _kernel_scans(self) -> Any:
-        """The scans and the odometry as the kernels take them."""
+        """Scans and odometry in the form of the kernels."""
         from locplan.recordings.kernels.least_squares import DriveScans
 
-        # Scans from almost the same place tell the same.
+        # Scans from almost the same place share their weight.
         shares = np.minimum(1.0, self.moves.lengths / 0.5)
         shares[0] = 1.0
         deviations = self.model.compute_deviations(self.moves)
@@ -441,7 +443,7 @@ class ScanChain:
         return DriveScans(self.ends, shares, self.model.correct_ways(self.moves), deviations)
 
     def refine(self, poses: Floats, rounds: int) -> Floats:
-        """Return poses of less loss."""
+        """Refine poses by rounds of least squares."""
         from locplan.recordings.kernels.least_squares import refine_poses
 
         poses = np.array(poses)
@@ -454,7 +456,7 @@ class ScanChain:
         return np.array([self.refine(sample, 3) for sample in samples])
 
     def compute_fits(self, candidates: Floats) -> Floats:
-        """Compute log-likelihoods a beam at poses (c, n, 3), (c, n); NaN without returns."""
+        """Compute log-likelihoods per beam at poses (c, n, 3), (c, n); NaN without returns."""
         from locplan.recordings.kernels.least_squares import evaluate_fits
 
         fits = np.empty(candidates.shape[:2])
@@ -462,7 +464,7 @@ class ScanChain:
         return fits
 
     def find_likeliest(self, candidates: Floats) -> Floats:
-        """Join the likeliest trajectory (n, 3) from the poses of candidates (c, n, 3)."""
+        """Combine the most probable trajectory (n, 3) from candidates (c, n, 3)."""
         from locplan.recordings.kernels.trajectory import find_likeliest_way
 
         gains = BEAMS * np.maximum(np.nan_to_num(self.compute_fits(candidates)), UNEXPLAINED)
@@ -471,7 +473,10 @@ class ScanChain:
         return np.asarray(candidates[choice, np.arange(len(choice))])
 
     def compute_covariances(self, poses: Floats, beams: float) -> tuple[Floats, Floats]:
-        """Compute the covariance of each pose, and with the one before, of independent beams."""
+        """Compute the covariances of poses, and of each pose with the previous one.
+
+        `beams` is the number of independent beams of a scan.
+        """
         from locplan.recordings.kernels.least_squares import (
             Equations,
             write_covariances,
@@ -486,7 +491,7 @@ class ScanChain:
         return blocks[2], blocks[3]
 
     def learn_odometry(self, poses: Floats) -> ScanChain:
-        """Return the same scans with what poses tell of odometry."""
+        """Return the chain with the odometry model refitted to poses."""
         covariances, across = self.compute_covariances(poses, FINE_BEAMS)
         is_used = np.ones(len(poses))
         is_used[[0, *self.jumps]] = 0.0
@@ -503,17 +508,17 @@ class ScanChain:
         return errors
 
     def find_jumps(self, poses: Floats) -> tuple[int, ...]:
-        """Find the scans to which odometry does not lead: far off, and far beyond its errors."""
+        """Find the scans before which odometry jumps, by large and improbable errors."""
         errors = self.compute_errors(poses)
         square = ((errors / self.model.compute_deviations(self.moves)) ** 2).sum(axis=1)
         is_far = (np.hypot(errors[:, 0], errors[:, 1]) > 0.5) | (np.abs(errors[:, 2]) > 0.5)
         return tuple(map(int, np.flatnonzero(is_far & (square > 40.0))))
 
     def bridge_excursions(self, poses: Floats) -> tuple[Floats, Bools]:
-        """Replace poses between two jumps that undo each other by odometry; mask them.
+        """Replace poses between two opposite jumps by odometry; return the poses and their mask.
 
-        If a robot seems to be carried away and back to where its odometry leads, it never left:
-        a stretch looks like another one, or like none.
+        A robot that seems to be carried away and back along its odometry has not left: the scans
+        were matched at a similar place.
         """
         bridged, is_bridged = poses.copy(), np.zeros(len(poses), np.bool_)
         errors, ways = self.compute_errors(poses), self.model.correct_ways(self.moves)
@@ -532,14 +537,14 @@ class ScanChain:
         return bridged, is_bridged
 
     def find_displaced(self, poses: Floats) -> Bools:
-        """Find where the map seems displaced: between opposite errors of odometry.
+        """Find poses on displaced parts of the map, between opposite errors of odometry.
 
-        A filter that follows a displaced stretch is shifted when it enters it, and shifted back
-        when it leaves it. If the stretch is turned, odometry jumps at one end at least.
+        Poses on a displaced part are shifted at its beginning, and shifted back at its end. If the
+        part is turned, odometry jumps at one of them.
         """
         way, is_displaced = np.cumsum(self.moves.lengths), np.zeros(len(poses), np.bool_)
         shifts = itertools.combinations(self._find_shifts(poses, way), 2)
-        # Turns accumulate within the stretch as well, so that a greater rest may remain.
+        # Turns accumulate within the stretch as well, so that a larger rest may remain.
         for (entering, leaving), rest in itertools.chain(
             ((pair, 0.5) for pair in shifts), ((pair, 1.0) for pair in self._find_turns(poses))
         ):
@@ -552,7 +557,7 @@ class ScanChain:
         return is_displaced
 
     def _find_shifts(self, poses: Floats, way: Floats) -> list[_OdometryShift]:
-        """Find stretches of up to 4 m without jumps at which odometry is clearly shifted."""
+        """Find stretches of up to 4 m without jumps with a significant shift of odometry."""
         before = np.zeros((len(poses), 3))
         before[1:, 2] = poses[:-1, 2]
         errors = apply_motions(before, self.compute_errors(poses))[:, :2]
@@ -570,7 +575,7 @@ class ScanChain:
         ]
 
     def _find_turns(self, poses: Floats) -> list[tuple[_OdometryShift, _OdometryShift]]:
-        """Find pairs of scans, one of them a jump, at which odometry errs clearly in its turn."""
+        """Find pairs of scans with a significant turn error, if at least one is a jump."""
         errors = self.compute_errors(poses)[:, 2:]
         size, deviations = np.abs(errors[:, 0]), self.model.compute_deviations(self.moves)[:, 2]
         turns = np.flatnonzero((size > DISPLACED_TURN) & (size > 5 * deviations)).tolist()
@@ -585,16 +590,16 @@ class ScanChain:
 
 
 class _OdometryShift(NamedTuple):
-    """Successive scans between which odometry errs."""
+    """Error of odometry between two scans."""
 
     begin: int
     end: int
     error: Floats
-    """Its error: a distance along x and y [m], or a turn [rad]."""
+    """Shift along x and y [m], or turn [rad]."""
 
 
 VERSION = 4
-"""Version of what `smooth` finds, which rises when it finds something else."""
+"""Version of the results of `smooth`; increase it when results change."""
 
 
 def load_or_smooth(
@@ -607,9 +612,9 @@ def load_or_smooth(
     cache_dir: str | os.PathLike[str] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Trajectory:
-    """Return the trajectory that `smooth` finds, from the cache if it was found before.
+    """Load the trajectory of a recording from the cache, or compute it by `smooth`.
 
-    An interrupted call resumes.
+    An interrupted computation resumes.
 
     Parameters
     ----------
@@ -620,7 +625,7 @@ def load_or_smooth(
     robot, start, seed, progress
         See `smooth`.
     cache_dir : path, optional
-        Cache folder; by default LOCPLAN_CACHE of the environment, or else the user's.
+        Cache folder; by default LOCPLAN_CACHE of the environment, or the user's cache.
 
     Raises
     ------
@@ -653,9 +658,9 @@ def with_ground_truth(
     cache_dir: str | os.PathLike[str] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Recording:
-    """The recording with the poses that count as true.
+    """Return the recording with ground-truth poses.
 
-    Smoothed poses that are not to be trusted are left out, with their scans.
+    Scans with doubtful smoothed poses are dropped.
 
     Parameters
     ----------
@@ -664,8 +669,8 @@ def with_ground_truth(
     grid : OccupancyGrid
         The map.
     reference : {"log", "smoothed"}, optional
-        The log's own poses, or those of `smooth`; by default these of a bag, which does not tell
-        whether its poses are a filter's, and the log's own of other files.
+        The recorded poses, or poses from `smooth`. By default, bags are smoothed, because their
+        poses may come from a filter, and other files keep their poses.
     robot, cache_dir, progress
         See `load_or_smooth`.
 
@@ -692,7 +697,7 @@ def _compute_digest(
     start: ArrayLike | str | None,
     seed: int,
 ) -> str:
-    """What a trajectory is found by: all that it depends on."""
+    """Compute the cache key of a trajectory from all its inputs."""
     odometry = recording.robot(robot).odometry
     inputs = VERSION, grid.digest, repr(recording.lidar), repr(odometry), repr(start), seed
     digest = hashlib.sha256(repr(inputs).encode())

@@ -1,4 +1,4 @@
-"""What one reading of a recorded drive tells: faults, ground truth, noise, and the map's fit."""
+"""Study of a recorded drive: faults, ground truth, noise, and the fit of the map."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from locplan.robots.robot import Robot
 RUNS = 12
 """Number of replays of the robot's filter."""
 FILE_SUFFIXES = ".csv", ".tum", ".txt", ".json", ".bag", ".mcap", ".db3"
-"""Endings of files that a recording is not written to, and a folder hardly has."""
+"""Suffixes that are probably a wrong file format, not the name of a folder."""
 MAX_LISTED_PLACES = 3
-"""Maximum number of places of a map's fault in the report."""
+"""Maximum number of listed places per fault of the map."""
 SOUND = "Sound: odometry, stamps and map agree with the scans."
 SOUND_IN_PART = "Sound, as far as the scans can show."
 USABLE = "Usable: {number}, too small to mislead `locplan tune`."
@@ -47,7 +47,7 @@ SCAN_NUMBERS = "The log has no stamps: times in poses.tum are scan numbers."
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecordingReport(Result):
-    """A recorded drive with its ground truth, its faults, and what it tells of robot and map."""
+    """Results of the study of a recorded drive: ground truth, faults, noise, and fit of the map."""
 
     files: ClassVar[ResultFiles] = ResultFiles(
         "recording",
@@ -63,17 +63,17 @@ class RecordingReport(Result):
     )
 
     recording: Recording
-    """The drive; with a map, its poses are the ground truth, and doubtful scans are left out."""
+    """The drive; with a map, poses are the ground truth, and doubtful scans are dropped."""
     faults: RecordingFaults
     """Faults of odometry, stamps and the map's fit."""
     seed: int
     """Seed of all random numbers."""
     grid: OccupancyGrid | None = None
-    """The map; None without one, as for all that follows."""
+    """The map; without a map, this and all following fields are None or empty."""
     trajectory: Trajectory | None = None
     """The ground truth at all scans."""
     fit: MapFit | None = None
-    """How well the map fits."""
+    """Fit of the map."""
     map_faults: tuple[MapFault, ...] = ()
     """Places where scans contradict the map, the worst first."""
     calibration: DriveCalibration | None = None
@@ -86,16 +86,16 @@ class RecordingReport(Result):
 
     @property
     def is_drawable(self) -> bool:
-        """True if there is a map that the drive is drawn on."""
+        """True if there is a map to draw the drive on."""
         return self.trajectory is not None
 
     def figure(self) -> object:
-        """Return the figure of the ground truth on the map."""
+        """Draw the ground truth on the map."""
         assert self.trajectory is not None
         return self.trajectory.figure()
 
     def summary(self) -> dict[str, object]:
-        """Return all results in numbers, fit for JSON."""
+        """Return all results for JSON."""
         return nan_to_none(
             {
                 "recording": self.recording.summary(),
@@ -121,7 +121,7 @@ class RecordingReport(Result):
         )
 
     def table(self) -> Table:
-        """Return a row per scan: the ground truth, or without a map nothing."""
+        """Return a row per scan with the ground truth; empty without a map."""
         return self.trajectory.table() if self.trajectory else Table((), ())
 
     def save(self, folder: str | os.PathLike[str], *related: Any, force: bool = False) -> None:
@@ -159,21 +159,19 @@ class RecordingReport(Result):
             self.calibration.robot.save(folder / "robot.yaml")
 
     def report(self) -> str:
-        """Return the text for people: the verdict, then topics, ground truth, map, noise and
-        replay.
-        """
+        """Return the verdict and a table of topics, ground truth, map, noise and replay."""
         return recording_report(self)
 
 
 def make_recording_output(target: Path, *, force: bool = False) -> Output:
-    """Return the output of a recording's file or folder, checked before long work.
+    """Return the checked output for a recording's file or folder, to fail before long work.
 
     Parameters
     ----------
     target : path
-        The file, which ends in .npz, or the folder.
+        A file that ends in .npz, or a folder.
     force : bool, default False
-        True lets files be replaced that are no earlier results of this kind.
+        If True, replace existing files that are not earlier results.
     """
     if target.suffix == ".npz":
         files = RecordingReport.files
@@ -197,9 +195,9 @@ def study_recording(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> RecordingReport:
-    """Find the faults of a recorded drive, and on its map the ground truth, the noise and the fit.
+    """Find the faults of a recorded drive; with its map, also ground truth, noise and fit.
 
-    Without a map, the faults of odometry and stamps alone are found.
+    Without a map, only the faults of odometry and stamps are found.
 
     Parameters
     ----------
@@ -208,9 +206,9 @@ def study_recording(
     grid : OccupancyGrid, optional
         The map.
     robot : Robot, optional
-        The robot, whose filter is replayed; Nav2's defaults without it.
+        The robot, whose filter is replayed; by default Nav2's settings.
     start : (x, y, heading), optional
-        Pose at the first scan [m, m, rad]; it is searched on the whole map by default.
+        Pose at the first scan [m, m, rad]; by default the whole map is searched.
     seed : int, default 1
         Seed of all random numbers, >= 0.
     threads : int, optional
@@ -226,7 +224,7 @@ def study_recording(
     Raises
     ------
     LocplanError
-        If the recording was taken elsewhere, or the scans cannot be followed on the map.
+        If the recording was not taken on this map.
 
     Examples
     --------
@@ -273,7 +271,7 @@ def study_recording(
 
 
 def recording_report(report: RecordingReport) -> str:
-    """Return the text for people: the verdict, then topics, ground truth, map, noise and replay."""
+    """Return the verdict and a table of topics, ground truth, map, noise and replay."""
     answer = _format_verdict(report.faults)
     rows = [*report.recording.rows()]
     if report.trajectory:
@@ -306,7 +304,7 @@ def _format_verdict(faults: RecordingFaults) -> str:
 
 
 def _format_noise_rows(calibration: DriveCalibration) -> list[tuple[str, str]]:
-    """Return the noise of scans and odometry as rows for people."""
+    """Format the noise of scans and odometry as table rows."""
     scans, odometry = calibration.scans, calibration.odometry
     of_scans = (
         f"ranges scatter by {100 * scans.range_sigma.value:.1f} cm, outliers"
@@ -323,7 +321,7 @@ def _format_noise_rows(calibration: DriveCalibration) -> list[tuple[str, str]]:
 
 
 def _format_fault(fault: MapFault) -> str:
-    """Return a fault of the map with its worst places."""
+    """Format a fault of the map with its worst places."""
     places = ", ".join(
         f"({(box[0] + box[2]) / 2:.1f}, {(box[1] + box[3]) / 2:.1f})"
         for box in fault.boxes[:MAX_LISTED_PLACES]

@@ -36,18 +36,18 @@ TINY = 1e-12
 
 @dataclass(frozen=True)
 class OdometryMoves:
-    """What odometry says of the ways between n scans; the first one stands for none."""
+    """Moves between n scans by odometry; the first one is zero."""
 
     ways: Floats
-    """Each scan as seen from the one before, (n, 3) [m, m, rad]."""
+    """Pose of each scan relative to the previous one, (n, 3) [m, m, rad]."""
     lengths: Floats
-    """Length of the way [m], (n,)."""
+    """Length of the path between the scans [m], (n,)."""
     turn_sums: Floats
-    """Sum of the turns [rad], (n,)."""
+    """Sum of the absolute turns between the scans [rad], (n,)."""
 
     @classmethod
     def from_odometry(cls, odometry: Floats, scans: NDArray[np.int64]) -> OdometryMoves:
-        """Moves between some scans of a drive."""
+        """Compute the moves between selected scans of a drive."""
         steps = compute_motions(odometry[:-1], odometry[1:])
         sums = np.zeros((len(odometry), 2))
         sums[1:, 0] = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))
@@ -59,37 +59,37 @@ class OdometryMoves:
 
     @property
     def features(self) -> Floats:
-        """What variances are made of, (n, 3)."""
+        """Regressors of the error variances, (n, 3)."""
         return np.column_stack([self.lengths, self.turn_sums, np.ones(len(self.lengths))])
 
 
 @dataclass(frozen=True, eq=False)
 class OdometryModel(EqualByValue):
-    """Odometry of one drive: the true ways are the reported ones, corrected, with an error.
+    """Error model of the odometry of one drive: systematic corrections, and random errors.
 
-    The errors are Student's with 4 degrees of freedom, and independent from scan to scan.
+    Errors follow Student's distribution with 4 degrees of freedom, independent between scans.
     """
 
     scale: float
-    """True distances over reported ones, minus 1."""
+    """Ratio of true to reported distances, minus 1."""
     bend: float
-    """Bend to the left of ways that are reported straight [rad/m]."""
+    """Curvature to the left of paths that odometry reports as straight [rad/m]."""
     turn_scale: float
-    """True turns over reported ones, minus 1."""
+    """Ratio of true to reported turns, minus 1."""
     mount: tuple[float, float, float]
-    """Pose of the lidar from where it is said to be, as the drive shows it [m, m, rad]."""
+    """Correction of the lidar's mount that the drive shows [m, m, rad]."""
     variances: Floats
-    """Squared scales of the errors ahead, to the left, and of the turn, a metre of way, a radian
-    turned, and a scan, (3, 3) [m^2, m^2, rad^2]."""
+    """Squared scales of the errors, (3, 3) [m^2, m^2, rad^2]: rows are forward, left and turn;
+    columns are per metre, per radian, and per scan."""
 
     @classmethod
     def make_prior(cls, odometry: Odometry) -> OdometryModel:
-        """What is taken for granted at first: wide errors, or those of a robot that has wider.
+        """Make the initial model, with wide errors, or the wider errors of the robot's odometry.
 
         Parameters
         ----------
         odometry : Odometry
-            That of the robot.
+            The odometry of the robot.
         """
         turn = math.radians(4.0)
         drifts = math.radians(odometry.heading_drift_deg), math.radians(odometry.turn_drift_deg)
@@ -101,12 +101,12 @@ class OdometryModel(EqualByValue):
         return cls(0.0, 0.0, 0.0, (0.0, 0.0, 0.0), np.square(deviations))
 
     def correct_ways(self, moves: OdometryMoves) -> Floats:
-        """The corrected ways, (n, 3), of a robot whose lidar is where it is said to be.
+        """Correct the systematic errors of reported moves, (n, 3) [m, m, rad].
 
         Parameters
         ----------
-        moves : Moves
-            What odometry says.
+        moves : OdometryMoves
+            The reported moves.
         """
         ahead, left, turn = moves.ways.T
         turn = turn * (1 + self.turn_scale) + self.bend * moves.lengths
@@ -115,30 +115,30 @@ class OdometryModel(EqualByValue):
         return compute_motions(lidar, apply_motions(robot, lidar))
 
     def compute_deviations(self, moves: OdometryMoves) -> Floats:
-        """Scales of the errors, (n, 3) [m, m, rad].
+        """Compute the scales of the random errors of moves, (n, 3) [m, m, rad].
 
         Parameters
         ----------
-        moves : Moves
-            What odometry says.
+        moves : OdometryMoves
+            The reported moves.
         """
         return np.asarray(np.sqrt(moves.features @ self.variances.T))
 
     def refit(
         self, moves: OdometryMoves, true_ways: Floats, way_variances: Floats, used: Floats
     ) -> OdometryModel:
-        """The model that explains the true ways best: a step of expectation and maximisation.
+        """Fit the model to true moves by expectation maximisation.
 
         Parameters
         ----------
-        moves : Moves
-            What odometry says.
+        moves : OdometryMoves
+            The reported moves.
         true_ways : (n, 3) array
-            The ways [m, m, rad].
+            The true moves [m, m, rad].
         way_variances : (n, 3) array
-            Variances with which they are known, without which those of odometry would vanish.
+            Variances of the true moves; without them, the variances of odometry would vanish.
         used : (n,) array
-            1 where a way counts, and 0 where it is a jump.
+            Weight of each move: 1, or 0 for a jump.
         """
         model = self
         for _ in range(3):
@@ -154,20 +154,20 @@ class OdometryModel(EqualByValue):
                     np.zeros(len(square)),
                 )
                 variances[axis] = fit_variances(squares, moves.features, zeros, used)
-            # So that a drive that hardly errs does not become one without error.
+            # Keep a minimum, because no odometry is without errors.
             min_variances = np.array([0.005, 0.005, math.radians(0.1)]) ** 2
             variances[:, 2] = np.maximum(variances[:, 2], min_variances)
             model = replace(model, variances=variances)
         return model
 
     def _refit_biases(self, moves: OdometryMoves, true: Floats, used: Floats) -> OdometryModel:
-        """The model with the biases, by robust regression towards none."""
+        """Return the model with systematic errors fitted by robust regression."""
         ahead, left, turn = moves.ways.T
         cos, sin = np.cos(turn) - 1, np.sin(turn)
         deviations = self.compute_deviations(moves)
         off = true - moves.ways
         off[:, TURN] = wrap_angles(off[:, TURN])
-        # A lidar that is mounted elsewhere swings about the robot in turns.
+        # A wrong mount of the lidar shows in turns, in which the lidar circles around the robot.
         features = [
             np.column_stack([ahead, left, cos, -sin]),
             np.column_stack([left, -ahead, sin, cos]),
@@ -188,7 +188,7 @@ class OdometryModel(EqualByValue):
 def _fit_robust(
     features: Floats, values: Floats, used: Floats, near: tuple[float, ...]
 ) -> list[float]:
-    """Coefficients by least squares with Student's weights, and a prior about zero."""
+    """Fit coefficients by least squares with Student's weights, and a prior around zero."""
     prior = np.diag(1 / np.square(near))
     coefficients: Floats = np.zeros(len(near))
     for _ in range(6):
@@ -199,14 +199,14 @@ def _fit_robust(
 
 
 def compute_ways(poses: Floats, covariances: Floats, across: Floats) -> tuple[Floats, Floats]:
-    """Ways between n poses, the first one none, and the variances with which they are known.
+    """Compute the moves between n poses, and their variances; the first move is zero.
 
     Parameters
     ----------
     poses : (n, 3) array
         The poses [m, m, rad].
     covariances, across : (n, 3, 3) arrays
-        Covariances of each, and of each with the one before.
+        Covariances of the poses, and of each pose with the previous one.
     """
     ways, variances = np.zeros((len(poses), 3)), np.zeros((len(poses), 3))
     ways[1:] = compute_motions(poses[:-1], poses[1:])
@@ -232,14 +232,14 @@ def fit_variances(
     weights: Floats,
     start: Floats | None = None,
 ) -> Floats:
-    """Coefficients of the variance of Gaussian values that are likeliest, none below 0.
+    """Fit non-negative variance coefficients of Gaussian values by maximum likelihood.
 
     The variance of a value is ``features @ coefficients + fixed``. Each round is a step of Fisher's
-    scoring: least squares of the squares, weighted by the precision that they have by now.
+    scoring: least squares of the squared values, weighted by their current precision.
     """
     scale = np.maximum(weights @ features, TINY)
     coefficients = weights @ squares / scale if start is None else start
-    # So that no value of hardly any variance counts for all others.
+    # Bound the weight of values with a tiny variance.
     min_variance = 1e-3 * float(weights @ squares / max(weights.sum(), TINY)) + TINY
     for _ in range(12):
         variance = np.maximum(features @ coefficients + fixed, min_variance)
@@ -254,7 +254,7 @@ def fit_variances(
 
 
 def _solve_nonnegative(matrix: Floats, vector: Floats) -> Floats:
-    """Least squares by their normal equations, without the coefficients that would be negative."""
+    """Solve normal equations of least squares; negative coefficients are set to zero."""
     is_active = np.diag(matrix) > TINY
     coefficients = np.zeros(len(vector))
     while is_active.any():
@@ -279,35 +279,35 @@ DOUBTS = (
     "odometry jumps",
     "the map is displaced, by odometry before and after",
 )
-"""Why a pose is not to be trusted, by its number; 0 where it is."""
+"""Reasons to doubt a pose; 0 means that the pose is trusted."""
 CARRIED = 3.0
-"""Distance up to which a jump of odometry may be a slip of wheels [m]."""
+"""Maximum distance of a jump of odometry that wheel slip can explain [m]."""
 SMOOTHED = "smoothed"
-"""The source of the poses of a recording that has a trajectory's."""
+"""Source of poses that come from a trajectory."""
 MAX_STRETCHES = 20
-"""Number of the stretches not to be trusted that the report shows."""
+"""Maximum number of doubtful stretches in the report."""
 
 
 @dataclass(frozen=True)
 class OdometryJump:
-    """A place to which odometry does not lead."""
+    """A jump of odometry relative to the true motion."""
 
     scan: int
-    """Index of the first scan after it."""
+    """Index of the first scan after the jump."""
     kind: str
-    """Kind: "slip" of wheels up to 3 m; "carried" away farther than that; or "gap" in the log."""
+    """Kind: "slip" of wheels up to 3 m, "carried" robot beyond 3 m, or "gap" in the log."""
     x: float
-    """Position after it in the world [m]."""
+    """World x of the robot after the jump [m]."""
     y: float
-    """Position after it in the world [m]."""
+    """World y of the robot after the jump [m]."""
     distance: float
-    """How far the robot is from where odometry has it [m]."""
+    """Distance between the true position and the position by odometry [m]."""
     turn: float
-    """By how much its heading is off [rad]."""
+    """Difference between the true heading and the heading by odometry [rad]."""
 
 
 def make_jump(scan: int, pose: Floats, error: Floats, times: Floats | None) -> OdometryJump:
-    """The jump to a scan's pose, where odometry errs so."""
+    """Classify the error of odometry before a scan, and return it as a jump."""
     distance, kind = float(np.hypot(error[0], error[1])), "slip"
     steps = np.zeros(1) if times is None else np.diff(times)
     if times is not None and steps[scan - 1] > max(5.0, 10 * float(np.median(steps))):
@@ -319,7 +319,7 @@ def make_jump(scan: int, pose: Floats, error: Floats, times: Floats | None) -> O
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(Result, StoredResult):
-    """Where a robot was along a recorded drive, at all scans, and how sure that is."""
+    """Trajectory of a recorded drive: the pose of every scan, its covariance, and doubts."""
 
     kind: ClassVar[str] = "trajectory"
     files: ClassVar[ResultFiles] = ResultFiles(
@@ -335,25 +335,25 @@ class Trajectory(Result, StoredResult):
     poses: Floats
     """Poses x, y, heading of the robot in the map's frame, (n, 3) [m, m, rad]."""
     covariances: Floats
-    """Their covariances, (n, 3, 3) [m, m, rad]."""
+    """Covariances of the poses, (n, 3, 3) [m, m, rad]."""
     doubts: NDArray[np.int64]
-    """Why each is not to be trusted, (n,): a place in `DOUBTS`, or 0 where it is."""
+    """Index of the doubt about each pose in `DOUBTS`, (n,); 0 for trusted poses."""
     fits: Floats
-    """Log-likelihood a return of each scan, (n,): 0 where all ends lie on walls; NaN without."""
+    """Log-likelihood per return of each scan, (n,); 0 if all ends lie on walls, NaN without any."""
     jumps: tuple[OdometryJump, ...]
-    """The places to which odometry does not lead."""
+    """The jumps of odometry."""
     odometry: OdometryModel | None
-    """How odometry errs; None where the log has none."""
+    """Error model of odometry; None without odometry."""
     recorded: Floats
     """The poses of the log, (n, 3) [m, m, rad]."""
     times: Floats | None
-    """Times of the scans, (n,) [s]; None where the log has none."""
+    """Times of the scans, (n,) [s]; None without times."""
     drive: str
     """Name of the drive's file."""
     map: str
     """Name of the map."""
     grid: OccupancyGrid | None = field(default=None, compare=False)
-    """The map, for the figure; None in what was loaded."""
+    """The map, for the figure; None in a loaded trajectory."""
 
     def __repr__(self) -> str:
         return f"Trajectory({len(self)} scans, median deviation {100 * self._median:.1f} cm)"
@@ -363,12 +363,12 @@ class Trajectory(Result, StoredResult):
 
     @property
     def is_drawable(self) -> bool:
-        """Whether the map is known, on which it is drawn."""
+        """True if the trajectory has a map to draw on."""
         return self.grid is not None
 
     @property
     def is_trusted(self) -> NDArray[np.bool_]:
-        """Mask of the poses that are to be trusted, (n,)."""
+        """Mask of the trusted poses, (n,)."""
         return np.asarray(self.doubts == 0)
 
     @cached_property
@@ -382,27 +382,27 @@ class Trajectory(Result, StoredResult):
 
     @cached_property
     def log_distance(self) -> Floats:
-        """Distance of the log's own poses from these, (n,) [m]."""
+        """Distance between recorded poses and the trajectory, (n,) [m]."""
         return np.asarray(np.hypot(*(self.recorded - self.poses)[:, :2].T))
 
     @cached_property
     def doubtful_stretches(self) -> list[slice]:
-        """Scans that follow each other and are not to be trusted."""
+        """Ranges of consecutive doubtful scans."""
         edges = np.flatnonzero(np.diff(np.concatenate([[True], self.is_trusted, [True]])))
         return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
     def replace_poses(self, recording: Recording) -> Recording:
-        """A recording with these poses, without the scans whose poses are not to be trusted.
+        """Return the recording with these poses; scans with doubtful poses are dropped.
 
         Parameters
         ----------
         recording : Recording
-            The drive that they are of.
+            The drive of this trajectory.
 
         Raises
         ------
         RecordingError
-            If none is to be trusted.
+            If no pose is trusted.
         """
         if not self.is_trusted.any():
             raise RecordingError(
@@ -450,7 +450,7 @@ class Trajectory(Result, StoredResult):
         return lines
 
     def summary(self) -> dict[str, object]:
-        """What was found, fit for JSON."""
+        """Return the results for JSON."""
         model = self.odometry
         of_odometry = model and {
             "distance_scale": model.scale,
@@ -468,7 +468,7 @@ class Trajectory(Result, StoredResult):
                 "sentences": self.sentences,
                 "deviation": self._median,
                 "not_trusted": int((~self.is_trusted).sum()),
-                "stretches": [[jump.start, jump.stop] for jump in self.doubtful_stretches],
+                "stretches": [[scans.start, scans.stop] for scans in self.doubtful_stretches],
                 "jumps": [vars(jump) for jump in self.jumps],
                 "log_off": float(np.median(off)) if len(off) else math.nan,
                 "odometry": of_odometry,
@@ -476,7 +476,7 @@ class Trajectory(Result, StoredResult):
         )
 
     def table(self) -> Table:
-        """A row per scan: its pose, how sure it is, and how far off the log's own is."""
+        """Return a row per scan: pose, standard deviations, and distance of the recorded pose."""
         major, minor, direction = position_axes(self.covariances)
         values: dict[Column, NDArray[Any]] = {
             Column("scan"): np.arange(len(self)),
@@ -498,12 +498,12 @@ class Trajectory(Result, StoredResult):
         self.write_tum(folder / "poses.tum")
 
     def write_tum(self, file: Path) -> None:
-        """Write the trusted poses as evo and others read them: time, x, y, z, quaternion.
+        """Write the trusted poses in TUM format, for evo: time, x, y, z, quaternion.
 
         Parameters
         ----------
         file : path
-            The file; one that is there is replaced.
+            The file; an existing file is replaced.
         """
         trusted_scans = np.flatnonzero(self.is_trusted)
         times = np.arange(len(self), dtype=float) if self.times is None else self.times
@@ -520,27 +520,26 @@ class Trajectory(Result, StoredResult):
         np.savetxt(file, np.column_stack(rows), "%.9f" + 7 * " %.6f")
 
     def figure(self) -> Figure:
-        """The trajectory over the map, coloured by its deviation, and that along the way.
+        """Draw the trajectory on its map, coloured by standard deviation, and the deviation along
+        it.
 
-        Crosses are poses that are not to be trusted, and the thin line is the log's own poses.
+        Crosses mark doubtful poses; the thin line shows the poses of the log.
         """
         from locplan.recordings.figures import trajectory_figure
 
         return trajectory_figure(self)
 
     def report(self) -> str:
-        """What was found and how odometry errs."""
+        """Return a text on accuracy, doubtful stretches, and errors of odometry."""
         return trajectory_report(self)
 
 
 def trajectory_report(drive_trajectory: Trajectory) -> str:
-    """What was found and how odometry errs."""
+    """Return a text on accuracy, doubtful stretches, and errors of odometry."""
     rows = [("map", drive_trajectory.map), ("drive", drive_trajectory.drive or "a recording")]
     for n, stretch in enumerate(drive_trajectory.doubtful_stretches[:MAX_STRETCHES]):
-        at, doubt = (
-            drive_trajectory.poses[stretch.start],
-            np.bincount(drive_trajectory.doubts[stretch]).argmax(),
-        )
+        at = drive_trajectory.poses[stretch.start]
+        doubt = np.bincount(drive_trajectory.doubts[stretch]).argmax()
         first, last = stretch.start, stretch.stop - 1
         scan_text = f"scan {first}" if first == last else f"scans {first} to {last}"
         place = f"{scan_text} at {at[0]:.1f},{at[1]:.1f}"

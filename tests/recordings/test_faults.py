@@ -169,8 +169,8 @@ def test_faults_say_that_corridor_hides_motion():
     assert faults.disagreements == ()
     assert faults.n_hidden_steps > 0.9 * faults.n_steps
     assert faults.sentences == (
-        f"The scans cannot show motion along corridors at {faults.n_hidden_steps} of {faults.n_steps}"
-        " steps.",
+        f"The scans cannot show motion along corridors at {faults.n_hidden_steps} of"
+        f" {faults.n_steps} steps.",
     )
 
 
