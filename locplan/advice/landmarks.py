@@ -70,7 +70,7 @@ if TYPE_CHECKING:
 DRIVES = 100
 """Number of drives along each route by default."""
 DRIVE_COLUMNS = (
-    Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
+    Column("drives", title="drives", digits=0, value=lambda outcome: outcome.n_drives),
     *RATE_COLUMNS,
     Column("rmse", "m", "error, all drives", interval=True),
     Column("kept_rmse", "m", "of those never lost", interval=True),

@@ -228,7 +228,7 @@ def repair(
     Examples
     --------
     >>> from locplan.maps import environments
-    >>> repair(environments.make("two_corridors", resolution=0.1)).changed
+    >>> repair(environments.make("two_corridors", resolution=0.1)).n_changed
     0
     """
     check_drives(drives)

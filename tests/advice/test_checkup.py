@@ -304,7 +304,7 @@ def test_narrow_passage_gets_footprint_advice_and_no_fix(tmp_path):
     assert (found.recommended, found.fixes) == ((), ())
     text = " ".join(found.report(tmp_path).split())
     assert "m wide, the robot 0.40 m" in text
-    assert "widen the passage, or give the robot's true radius" in text
+    assert "widen the passage, or correct the robot's radius (now 0.2 m)" in text
     assert text.endswith("--set=footprint=0.2")
     wider = check(walls_with_gap(20), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
     assert (wider.passage, wider.baseline.reached.value) == (None, 1.0)
@@ -349,11 +349,11 @@ def test_labels_of_the_picture_stand_on_no_other(solid):
 
 
 def test_where_nothing_helps_the_next_action_can_be_done(solid):
-    usual = dataclasses.replace(solid, recommended=(), confirmed=None, effort="usual")
+    usual = dataclasses.replace(solid, recommended=(), confirmation=None, effort="usual")
     assert usual.report().splitlines()[-1].startswith("  ros2 bag record ")
     quick = dataclasses.replace(usual, effort="quick")
     assert quick.report().splitlines()[-1].startswith("  locplan check ")
-    driven = dataclasses.replace(usual, recorded=("drive 1: The map fits",))
+    driven = dataclasses.replace(usual, recording_sentences=("drive 1: The map fits",))
     assert driven.report().splitlines()[-1].startswith("  locplan recording ")
     for report in (usual, quick, driven):  # the page of the explorer shows the sentence alone
         assert "--" not in choose_next_action(report).sentence
@@ -394,7 +394,7 @@ def test_the_commands_put_all_that_is_recommended_in_force(two_corridors_at_its_
     assert section["command"] == (
         f"locplan check {tmp_path}/lab.yaml --robot {tmp_path}/out/nav2_params.yaml"
     )
-    assert "under amcl" in section["files"]["nav2_params.yaml"]
+    assert "copy its lines into the amcl section" in section["files"]["nav2_params.yaml"]
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -409,7 +409,7 @@ def test_check_writes_one_file_of_several(two_corridors_at_its_worst, tmp_path, 
     found.save(tmp_path / "out", tmp_path / "out", params)
     merged = tmp_path / "out" / "nav2_params.yaml"
     assert line["command"].endswith(f" params_file:={merged}")
-    assert "in one file, changed" in line["files"]["nav2_params.yaml"]
+    assert "merged, with the changes" in line["files"]["nav2_params.yaml"]
     read = locplan.robots.read_parameters(merged)
     assert read.read_node_parameters("planner_server") == {"planner_plugins": ["A"]}
     assert locplan.robots.nav2.read_amcl(merged).update_min_d == 0.1
