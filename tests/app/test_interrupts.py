@@ -252,7 +252,7 @@ def stops() -> list:
     each = [
         ("locplan.field.Sad.covariances", ("field", "-o", "out.npz")),
         (
-            "locplan.comparison.workers.Workers.run",
+            "locplan.comparison.workers.Workers.perform_jobs",
             ("compare", "--min-distance", "2", "-o", "out"),
         ),
         ("locplan.field.files.write_field", ("field", "-o", "out.npz")),

@@ -67,14 +67,14 @@ class Straight:
 FORMAT = '''
 from dataclasses import dataclass
 
-from locplan.export.registry import ExportSummary, ExportOptions, option
+from locplan.export.registry import ExportOptions, ExportSummary, option_field
 
 
 @dataclass(frozen=True, kw_only=True)
 class NameOptions(ExportOptions):
     """The options of a name."""
 
-    prefix: str = option("the ")
+    prefix: str = option_field("the ")
     """Text before the name."""
 
 
@@ -149,7 +149,7 @@ NEW_LINES = [
     (
         "comparison/statistics.py",
         '    "cost": (RATIO',
-        '    "corners": (SUMS, "fewer corners", "more corners"),\n',
+        '    "corners": (RATIO_OF_SUMS, "fewer corners", "more corners"),\n',
     ),
     # lidar
     (
@@ -166,7 +166,7 @@ NEW_LINES = [
     (
         "comparison/result.py",
         '    Column("sentence", value=lambda standing: standing.cost',
-        '    Column("solved_runs", "", "solved", 0, value=lambda each: each.summary.solved),\n',
+        '    Column("solved_runs", "", "solved", 0, value=lambda standing: standing.summary.solved),\n',
     ),
     (
         "planning/metrics.py",
@@ -178,9 +178,9 @@ NEW_LINES = [
 USE_ALL = """
 import numpy as np
 import locplan
-from locplan.comparison.result import STANDINGS
+from locplan.comparison.result import STANDING_COLUMNS
 from locplan.comparison.runs import run_from_plan
-from locplan.comparison.statistics import RUN_COLUMNS, Task
+from locplan.comparison.statistics import RUN_COLUMNS, RunTask
 from locplan.field.config import FieldConfig
 from locplan.field.sad import Gaussian
 from locplan.planning.metrics import LidarShare, make_lidar_table
@@ -196,8 +196,8 @@ assert plan.metrics.corners == 0, plan.path.xy
 assert "corners" in plan.table().names
 assert "corners" in [column.name for column in RUN_COLUMNS]
 assert "corners" in [column.name for column in CANDIDATE_COLUMNS]
-assert "solved_runs" in [column.name for column in STANDINGS]
-run = run_from_plan(Task("bay", "none", "ab", 4.0, "straight", 1), plan)
+assert "solved_runs" in [column.name for column in STANDING_COLUMNS]
+run = run_from_plan(RunTask("bay", "none", "ab", 4.0, "straight", 1), plan)
 assert run.measure("corners") == 0
 
 assert list_applicable_presets(locplan.robots.Amcl())["keen"].z_hit == 0.8

@@ -1,4 +1,4 @@
-"""Fake runs of a comparison, and true ones in a room."""
+"""Fake runs of a comparison, and real runs in a room."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def run_comparison(planners, queries=QUERIES, *, costs=None, weights=None, seeds
 
 
 class InlineWorkers:
-    """The workers of a comparison in this process: what they are sent is copied as for others."""
+    """Workers of a comparison in this process; planners are pickled as for processes."""
 
     def __init__(self, planners, count, **_):
         import cloudpickle
@@ -79,9 +79,9 @@ class InlineWorkers:
     def __exit__(self, *_):
         pass
 
-    def run(self, orders):
+    def perform_jobs(self, jobs):
         from locplan.comparison.runs import perform_job
 
-        for order in orders:
-            run = perform_job(self.planners[order.planner], order, math.inf)
+        for job in jobs:
+            run = perform_job(self.planners[job.planner], job, math.inf)
             yield dataclasses.replace(run, wall_seconds=run.seconds)
