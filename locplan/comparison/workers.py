@@ -85,7 +85,7 @@ class Workers:
             thread.join(1.0)
 
     def perform_jobs(self, jobs: Sequence[PlannerJob]) -> Iterator[PlannerRun]:
-        """Perform jobs in this order as workers become free, and yield each run when it completes."""
+        """Perform jobs in this order as workers become free, and yield runs as they complete."""
         for job in jobs:
             self._jobs.put(job)
         runs_left = len(jobs)

@@ -82,7 +82,7 @@ def test_export(benchmark, made, tmp_path, name):
 MAPS = ("aws_small_house", "willow_full_stage", "tb4_warehouse", "mit_stata_basement_yaw")
 
 
-@pytest.mark.filterwarnings("ignore::locplan.export.masks.YawWarning")
+@pytest.mark.filterwarnings("ignore::locplan.export.values.YawWarning")
 @pytest.mark.parametrize("weight", [1.0, 4.0, 12.0])
 @pytest.mark.parametrize("name", ["two_corridors", "office", *MAPS, "fetch_4_26_15"])
 def test_smac2d_on_our_mask(benchmark, real_maps, tmp_path, name, weight):

@@ -166,7 +166,7 @@ NEW_LINES = [
     (
         "comparison/result.py",
         '    Column("sentence", value=lambda standing: standing.cost',
-        '    Column("solved_runs", "", "solved", 0, value=lambda standing: standing.summary.solved),\n',
+        '    Column("solved_runs", value=lambda standing: standing.summary.solved),\n',
     ),
     (
         "planning/metrics.py",
