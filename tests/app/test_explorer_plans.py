@@ -64,7 +64,7 @@ def prepare(session: Session, stops, weight: float = 4.0, check=lambda: None) ->
 
 def count_searches(monkeypatch) -> list[int]:
     calls = []
-    monkeypatch.setattr(search, "search", lambda *_, **__: calls.append(1))
+    monkeypatch.setattr(search, "search_grid", lambda *_, **__: calls.append(1))
     return calls
 
 
@@ -165,7 +165,7 @@ def test_preparation_keeps_within_memory(session, monkeypatch, share, n_searches
     monkeypatch.setattr(session.searches, "limit", share * half)
     session.searches.forget()
     found, run = [], search.search_grid
-    monkeypatch.setattr(search, "search", lambda *a, **k: found.append(1) or run(*a, **k))
+    monkeypatch.setattr(search, "search_grid", lambda *a, **k: found.append(1) or run(*a, **k))
     prepare(session, stops)
     assert len(found) == n_searches
 
@@ -188,7 +188,7 @@ def test_dropped_costmaps_leave_memory(session, monkeypatch):
         grids.append(weakref.ref(halved.bordered.half))
         return halved
 
-    monkeypatch.setattr(SearchGrid, "halved", note)
+    monkeypatch.setattr(SearchGrid, "from_half_costs", note)
     limit = 4 * session.scene.costs.density.nbytes
     monkeypatch.setattr(session, "searches", ResultStore(limit))
     for weight in range(1, 11):
@@ -205,7 +205,7 @@ def test_kernels_of_drag_are_loaded_before(session, monkeypatch):
     from locplan._support.kernels import ways
 
     calls = []
-    for name in ("greatest_cost", "steps_back", "cheapest_cells"):
+    for name in ("greatest_cost", "find_backward_steps", "trace_cheapest_path"):
         kernel = getattr(ways, name)
 
         def note(*values, kernel=kernel):

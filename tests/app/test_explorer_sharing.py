@@ -124,7 +124,7 @@ def test_scene_that_changes_during_packing_is_not_shared(small_page, monkeypatch
     def change(session, scene, question, job):
         session.scene = dataclasses.replace(scene)
 
-    monkeypatch.setattr("locplan.app.explorer.sharing.plan", change)
+    monkeypatch.setattr("locplan.app.explorer.sharing.plan_route", change)
     with pytest.raises(ConfigError, match="share the page again"):
         ask(session, "share", **ROUTE, view={})
 

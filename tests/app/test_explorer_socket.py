@@ -262,7 +262,7 @@ def test_states_come_in_their_order(page, server, monkeypatch):
     monkeypatch.setattr("locplan.app.explorer.socket.describe_state", numbered)
     seen = []
     for _ in range(3):
-        server.session.tell({"event": "state"})
+        server.session.send_event({"event": "state"})
         page.ask("at", x=0.0, y=0.0)
     while not seen or seen[-1] < 2:
         seen = [e["number"] for e in page.events if "number" in e]
