@@ -161,6 +161,7 @@ def draw_path(
     linestyle: Any = "-",
     linewidth: float = 2.2,
     path_effects: Sequence[Any] | None = None,
+    label: str | None = None,
     zorder: float = 2,
 ) -> None:
     """Draw a path as a line with a white outline.
@@ -177,6 +178,8 @@ def draw_path(
         Width of the line without its outline [points].
     path_effects : sequence, optional
         Effects of matplotlib that replace the outline; none if empty.
+    label : str, optional
+        The path's entry in the legend.
     zorder : float, default 2
         Artists with a higher number are drawn on top of the line.
     """
@@ -186,6 +189,7 @@ def draw_path(
         linestyle=linestyle,
         linewidth=linewidth,
         path_effects=outline() if path_effects is None else path_effects,
+        label=label,
         zorder=zorder,
     )
 

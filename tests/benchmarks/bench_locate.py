@@ -50,12 +50,12 @@ def test_a_scan_on_a_map_of_940_by_620_cells(benchmark):
     grid = locplan.maps.environments.make("office", resolution=0.05)
     database = locplan.recordings.matching.ScanDatabase(grid, LIDAR)
     began = time.process_time()
-    places = database.everywhere
+    places = database.full_database
     built = time.process_time() - began
     random = np.random.default_rng(3)
     at = places.positions[random.integers(len(places.positions), size=SCANS)]
     homes = np.column_stack([at, random.uniform(-3, 3, SCANS)])
-    compared = places.scans_at(homes)
+    compared = places.simulate_scans(homes)
     beams = np.rint((LIDAR.angles % (2 * np.pi)) / STEP).astype(int) % TURNS
     scans = compared[:, beams]
     found = [locplan.locate(grid, scan, LIDAR, database=database) for scan in scans]
@@ -67,7 +67,7 @@ def test_a_scan_on_a_map_of_940_by_620_cells(benchmark):
         locplan.locate(grid, scans[n], LIDAR, database=database)
         ours.append(time.process_time() - began)
         began = time.process_time()
-        pose = places.in_world(everywhere(places, compared[n])[None])[0]
+        pose = places.convert_to_world(everywhere(places, compared[n])[None])[0]
         theirs.append(time.process_time() - began)
         assert np.hypot(*(pose[:2] - found[n].best.pose[:2])) < 0.2
     benchmark.pedantic(
