@@ -92,8 +92,8 @@ def load_or_compute_result(
 ) -> T:
     """Load a result from the cache, or compute it and save it there.
 
-    One process computes it, while all further processes wait and then load it. A cache that cannot
-    be written causes a warning, and so does a damaged file, which is computed again.
+    One process computes it, while all further processes wait and then load it. Warns if the
+    cache cannot be written, and if a file is damaged; its result is computed again.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ class CacheEntry:
         return cls(path, sum(size for size, _ in files[1:] or files), max(t for _, t in files))
 
     @cached_property
-    def about(self) -> dict[str, Any]:
+    def metadata(self) -> dict[str, Any]:
         """Description of the result or of its parts; empty if none can be read."""
         if self.path.suffix not in (RESULT, PARTS):
             return {}
@@ -226,15 +226,15 @@ class CacheEntry:
         """Kind of the result; "damaged", "unfinished" or "outdated" otherwise."""
         otherwise = {RESULT: "damaged", PARTS: "unfinished"}
         kind = self._metadata_text("kind") or otherwise.get(self.path.suffix, "outdated")
-        return f"parts of a {kind}" if self.about and self.path.suffix == PARTS else kind
+        return f"parts of a {kind}" if self.metadata and self.path.suffix == PARTS else kind
 
     @property
     def finished_share(self) -> float | None:
         """Finished share, 0..1; None if unknown."""
-        share = self.about.get("finished_share")
+        share = self.metadata.get("finished_share")
         if isinstance(share, float) and 0 <= share <= 1:
             return share
-        return 1.0 if self.about and self.path.suffix == RESULT else None
+        return 1.0 if self.metadata and self.path.suffix == RESULT else None
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry, fit for JSON."""
@@ -249,7 +249,7 @@ class CacheEntry:
         }
 
     def _metadata_text(self, name: str) -> str:
-        value = self.about.get(name)
+        value = self.metadata.get(name)
         return value[:200] if isinstance(value, str) else ""
 
 

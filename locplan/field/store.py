@@ -247,7 +247,7 @@ class _CachedField:
         )
 
     def load_cached_values(self, path: Path, parts: Path | None) -> tuple[Values, Bools]:
-        """Return the cached values of the field, NaN for all others, and the points to compute.
+        """Return the cached values of the field, NaN at missing points, and the points to compute.
 
         They come from the field's file and parts, and from the fields of earlier states of the map
         as far as the edits cannot have changed them.
@@ -264,13 +264,13 @@ class _CachedField:
             if same == 3 or not lacking.any():
                 break
             if cached_result.path == path or not all(
-                cached_result.about.get(name) == self.metadata[name]
+                cached_result.metadata.get(name) == self.metadata[name]
                 for name in ("kind", *files.MATCHING_KEYS)
             ):
                 continue
             with suppress(LocplanError):  # damaged ones are skipped: this is only a shortcut
                 same += 1
-                before = files.read_grid(cached_result.path, cached_result.about)
+                before = files.read_grid(cached_result.path, cached_result.metadata)
                 useful = lacking & tiles.find_unchanged_points(before, self.grid, self.config)
                 if useful.any():
                     files.fill_values(values, cached_result.path, self.grid, self.config, useful)

@@ -58,7 +58,7 @@ def degeneracy(
     check_criterion(criterion, field.config)
     if not np.less(*field.anchors(criterion)):
         raise ConfigError(
-            f"criterion {short_repr(criterion)} says nothing in a field without rotation"
+            f"criterion {short_repr(criterion)} is meaningless in a field without rotation"
         )
     values, of_e = field.scalar(criterion, with_q=True), field.scalar("e")
     if values.ndim == 2:
@@ -128,7 +128,7 @@ class CostLayers(DrawableResult):
     e: Floats
     """The field's e [m^2 rad], (H, W); NaN where there is no field."""
     of_heading: HeadingLayers | None = None
-    """u and e for n headings of the robot, evenly spaced from 0 on; None if they are alike."""
+    """u and e for n headings of the robot, evenly spaced from 0 on; None if they are equal."""
     settings: CostSettings | None = None
     """Settings of u; None without a field."""
     robot: Robot | None = field(default=None, compare=False)
@@ -160,12 +160,12 @@ class CostLayers(DrawableResult):
     @property
     def u_of_heading(self) -> Singles | None:
         """Degeneracy u for n headings of the robot, evenly spaced from 0 on, (n, H, W), or None."""
-        return None if self.of_heading is None else self.of_heading.both[0]
+        return None if self.of_heading is None else self.of_heading.u_and_e[0]
 
     @property
     def e_of_heading(self) -> Singles | None:
         """Values of e for the headings of `u_of_heading` [m^2 rad], (n, H, W), or None."""
-        return None if self.of_heading is None else self.of_heading.both[1]
+        return None if self.of_heading is None else self.of_heading.u_and_e[1]
 
     @property
     def density_of_heading(self) -> Floats:
@@ -243,9 +243,9 @@ class CostLayers(DrawableResult):
         cells = tuple(np.where(inside, index, 0) for index in cell_indices)
         values: dict[str, Floats] = {layer: getattr(self, layer)[cells] for layer in LAYERS}
         if array.shape[1] == 3 and self.of_heading is not None:
-            count = len(self.of_heading.both[0])
+            count = len(self.of_heading.u_and_e[0])
             nearest = np.floor(array[:, 2] / (2 * np.pi) * count + 0.5).astype(int) % count
-            u, e = (layer[nearest, *cells].astype(float) for layer in self.of_heading.both)
+            u, e = (layer[nearest, *cells].astype(float) for layer in self.of_heading.u_and_e)
             charge = np.broadcast_to(self.zones.cost_per_metre(self.grid), self.grid.shape)[cells]
             density = compute_density(u, self.weight) + charge
             density = np.where(np.isfinite(values["density"]), density, np.inf)
@@ -348,7 +348,7 @@ class HeadingLayers:
         return cls(partial(degeneracy, field, settings.criterion, settings.law, None))
 
     @cached_property
-    def both(self) -> tuple[Singles, Singles]:
+    def u_and_e(self) -> tuple[Singles, Singles]:
         """u and e, (n, H, W) each, read-only."""
         u, e = (np.array(layer, np.float32) for layer in self.read())
         return make_readonly(u), make_readonly(e)
@@ -356,7 +356,7 @@ class HeadingLayers:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, HeadingLayers):
             return NotImplemented
-        pairs = zip(self.both, other.both, strict=True)
+        pairs = zip(self.u_and_e, other.u_and_e, strict=True)
         return self is other or all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
 
     def __hash__(self) -> int:
@@ -364,7 +364,7 @@ class HeadingLayers:
 
     def to_json(self) -> dict[str, Singles]:
         """Return both layers by name."""
-        return dict(zip(("u", "e"), self.both, strict=True))
+        return dict(zip(("u", "e"), self.u_and_e, strict=True))
 
     @classmethod
     def from_json(cls, layers: Mapping[str, Singles]) -> HeadingLayers:
@@ -372,13 +372,13 @@ class HeadingLayers:
         return cls(lambda: (layers["u"], layers["e"]))
 
     def __getstate__(self) -> dict[str, Any]:
-        # What has been read needs no field any more, which is large.
-        layers = vars(self).get("both")
-        return {"read": partial(tuple, layers), "both": layers} if layers else vars(self)
+        # Once both are read, the field, which is large, is no longer needed.
+        layers = vars(self).get("u_and_e")
+        return {"read": partial(tuple, layers), "u_and_e": layers} if layers else vars(self)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        for layer in state.get("both", ()):
+        for layer in state.get("u_and_e", ()):
             make_readonly(layer)
 
 

@@ -28,7 +28,7 @@ def three(tmp_path):
 
 
 def names(folder) -> list[str]:
-    return [entry.about["map"] for entry in list_cache_entries(folder)]
+    return [entry.metadata["map"] for entry in list_cache_entries(folder)]
 
 
 def test_entries_come_by_their_last_use(three, tmp_path):

@@ -471,7 +471,7 @@ def test_processes_share_the_layers_of_headings_and_no_field(tmp_path):
     costs = Costmap.from_field(field)
     orders.write_costmap(costs, tmp_path / "shared")
     shared = orders.read_costmap(tmp_path / "shared")
-    assert "both" in vars(shared.of_heading)
+    assert "u_and_e" in vars(shared.of_heading)
     np.testing.assert_array_equal(shared.u_of_heading, costs.u_of_heading)
     sizes = {file.stat().st_size for file in (tmp_path / "shared").glob("*.raw")}
     assert costs.u_of_heading.nbytes in sizes
