@@ -344,7 +344,7 @@ def test_planners_are_named_functions_or_objects():
         (3, {}, "planner must be a name, a function"),
         (lambda *query: None, {}, "not NoneType"),
         (lambda *query: Path([(0.5, 0.5), (0.5, 1.5)]), {}, "does not lead from start to goal"),
-        (lambda *query: PlannerResult(status="solved"), {}, "returned no path"),
+        (lambda *query: PlannerResult(status="solved"), {}, "without a path"),
         (lambda *query: PlannerResult(status="lost"), {}, "with a status of solved, unreachable"),
         (lambda *query: Path(query[1:]), {}, "enters cells where the robot cannot be"),
     ],
