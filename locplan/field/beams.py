@@ -45,16 +45,16 @@ class LidarEstimator(Estimator):
     At least a cell counts. More suits a map that is drawn roughly, and makes covariances larger.
     """
     effective_beams: float = setting(12.6, check_positive, "beams")
-    """Number of independent beams in half a turn that tell as much as all beams there, above 0.
+    """Number of independent beams as informative as all beams in half a turn, above 0.
 
-    It grows with the field of view: a lidar that sees all round has twice as many. Neighbouring
-    beams err alike; the default is fitted to real lasers, which see half a turn. Covariances shrink
-    as it grows. Of fewer beams than these, each tells as much as an independent one.
+    It grows with the field of view: a lidar that sees all round has twice as many. Errors of
+    neighbouring beams are correlated; the default is fitted to real lasers with a field of view of
+    half a turn. Covariances shrink as it grows. Fewer beams than these count as independent.
     """
     max_beams: int = setting(180)
     """Maximum number of beams in half a turn that count, >= 1; fewer are faster.
 
-    It grows with the field of view, too. An odd number counts as the even one below it.
+    It also grows with the field of view. An odd number counts as the even one below it.
     """
 
     def __post_init__(self) -> None:
@@ -155,9 +155,10 @@ class ComparedBeams:
     pitch_deg: float
     """Angle from one beam to the next [deg]."""
     places: Ints
-    """Places of the beams on the lattice, 0 and -1 beside the axis, (n,); from 0 on of own ones."""
+    """Places of the beams on the lattice, (n,): 0 and -1 next to the axis; for the lidar's beams
+    from 0 on."""
     are_lidar_beams: bool
-    """Whether they are all of the lidar's own beams."""
+    """True if they are all of the lidar's beams."""
 
     @classmethod
     def from_lidar(cls, lidar: Lidar, max_beams: int) -> ComparedBeams:
@@ -289,11 +290,15 @@ def _compute_normals(occupied: Bools) -> Singles:
     """Compute the normals of a band of the map."""
     import cv2
 
-    edge: Any = {"borderType": cv2.BORDER_REPLICATE}
     # The steps of slanting walls are smoothed; so few levels that all sums over windows are exact.
-    soft = cv2.GaussianBlur(occupied.astype(np.uint8) * 100, (0, 0), 1.0, **edge)
+    soft = cv2.GaussianBlur(
+        occupied.astype(np.uint8) * 100, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE
+    )
     # Slopes along the columns (dx) and along the rows (dy).
-    dx, dy = (cv2.Scharr(soft, cv2.CV_64F, *order, **edge) for order in ((1, 0), (0, 1)))
+    dx, dy = (
+        cv2.Scharr(soft, cv2.CV_64F, dx=x_order, dy=1 - x_order, borderType=cv2.BORDER_REPLICATE)
+        for x_order in (1, 0)
+    )
     # The tensor in whole numbers: its main axis as (cos, sin) of the doubled angle, and its trace.
     tensor = np.stack([(dx - dy) * (dx + dy), 2 * dx * dy, dx**2 + dy**2], axis=-1)
     tensor = _sum_windows(tensor, WIDTHS[0])
@@ -320,8 +325,10 @@ def _sum_windows(tensor: Floats, width: int) -> Floats:
     """Sum a tensor over square windows."""
     import cv2
 
-    edge: Any = {"borderType": cv2.BORDER_REPLICATE}
-    return np.asarray(cv2.boxFilter(tensor, -1, (width, width), normalize=False, **edge))
+    sums = cv2.boxFilter(
+        tensor, -1, (width, width), normalize=False, borderType=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(sums)
 
 
 def _compute_main_axes(tensors: Floats) -> tuple[Floats, Floats]:

@@ -143,7 +143,7 @@ class Estimator(Settings, ABC):
     @property
     @abstractmethod
     def reach(self) -> float:
-        """Distance up to which the map has an effect on the estimator [m]."""
+        """Maximum distance at which walls affect the estimator [m]."""
 
     @property
     @abstractmethod
@@ -210,7 +210,7 @@ class Estimator(Settings, ABC):
 
     @abstractmethod
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        """Return the distance from a cell within which the map decides its covariance [cells].
+        """Return how far the covariance of a cell depends on the map around it [cells].
 
         Parameters
         ----------
@@ -247,7 +247,7 @@ class Estimator(Settings, ABC):
         return dict_from_settings(self)
 
     def perfect(self, lattice: OffsetLattice) -> Floats:
-        """Return the covariance below which a match counts as perfect and u is 0, (d, d).
+        """Return the greatest covariance of a perfect match, where u is 0, (d, d).
 
         Parameters
         ----------

@@ -286,7 +286,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         executor: Executor | None = None,
         progress: ProgressCallback | None = None,
     ) -> CovarianceField:
-        """Return the field of an edited map; only what the edit can change is recomputed.
+        """Return the field of an edited map; recompute only values that the edit can change.
 
         It equals `covariance_field` of the new map bit for bit.
 

@@ -142,7 +142,8 @@ def fields_figure(
             first = axes is axes_of_row[0]
             axes.set(xlabel="", ylabel=(field.grid.name or "map") if first else "")
             if part.shape != field.grid.shape:
-                axes.set(**compute_axes_limits(part, share=0.0))
+                limits = compute_axes_limits(part, share=0.0)
+                axes.set(xlim=limits.xlim, ylim=limits.ylim)
     ends = np.array([image.get_clim() for image in images])  # of one scale for all
     for image in images:
         image.set_clim(ends[:, 0].min(), ends[:, 1].max())

@@ -45,10 +45,10 @@ class Fisher(LidarEstimator):
     """
 
     name: ClassVar[str] = "fisher"
-    remedy: ClassVar[str] = "--field scan tells more apart: it also sees repetition"
+    remedy: ClassVar[str] = "--field scan distinguishes more: it also detects repetition"
 
     model: Literal["endpoint", "range"] = field(default="endpoint", kw_only=True)
-    """Quantity that a beam tells: its end's distance from the surface, or its range (Censi).
+    """Quantity that a beam measures: its end's distance from the surface, or its range (Censi).
 
     "endpoint" is what likelihood fields and scan matching have; "range" counts
     `Lidar.range_sigma` instead of the deviation of ends.
@@ -138,15 +138,17 @@ def _invert(information: Floats) -> Floats:
 
 
 ROUND, ELONGATED = 1.5, 4.0
-"""Ratios of the axes of the scan's ellipse up to which both count alike, and from which it alone.
+"""Ratios of the axes of the scan's ellipse: up to the first both covariances count equally, from
+the second on only the scan's.
 
-In a corridor the derivatives say half the deviation that is measured, or less.
+In a corridor the derivatives give at most half of the measured deviation.
 """
 SMALL, LARGE = 0.25, 0.35
-"""Largest deviations of the scan up to which both count alike, and from which it alone [m].
+"""Largest deviations of the scan [m]: up to the first both covariances count equally, from the
+second on only the scan's.
 
 A lidar that sees less may have a rounder ellipse, but not a smaller one: so large deviations stay
-large. There, too, the derivatives say half of what is measured, or less.
+large. There the derivatives also give at most half of the measured deviation.
 """
 
 

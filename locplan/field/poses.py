@@ -21,7 +21,7 @@ OFFSETS = np.array([*product((-1, 0, 1), repeat=2)])
 
 @dataclass(frozen=True)
 class LatticeCorners:
-    """The lattice points from which the values at positions are read."""
+    """Lattice points and their weights to interpolate values at positions."""
 
     points: Ints
     """Row and column of each point on the lattice, (k, 2)."""
@@ -160,7 +160,7 @@ def _make_sparse_matrix(weight: Floats, rows: Ints, cols: Ints, shape: tuple[int
 
 
 def read_at_poses(field: Any, poses: ArrayLike, name: str | None) -> Any:
-    """Return all values of a field at poses by name, or those of one name.
+    """Return all values of a field at poses by name, or the values with one name.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ class Exponential(Settings):
         return np.asarray(np.exp(area, out=area))
 
     def scale(self, template: str) -> float:
-        """Return the mismatch area at which the weight falls to 1/e [m^2]."""
+        """Return the mismatch area with the weight 1/e [m^2]."""
         return TAU[template] if self.tau is None else self.tau
 
 
@@ -110,7 +110,7 @@ class Sad(Estimator):
 
     name: ClassVar[str] = "sad"
     remedy: ClassVar[str] = (
-        "a lidar's beams tell more apart: --lidar NAME, with the estimator that it takes"
+        "a lidar's beams distinguish more: give --lidar NAME, with the estimator that it takes"
     )
 
     window: SearchWindow = field(default_factory=SearchWindow)
@@ -201,7 +201,7 @@ class Sad(Estimator):
 
     @property
     def tau(self) -> float:
-        """Scale of the exponential weights [m^2]; infinite with other weights."""
+        """Scale of the exponential weights [m^2]; infinite for weights that are not exponential."""
         law = self.weights
         return law.scale(self.template) if isinstance(law, Exponential) else math.inf
 
@@ -239,7 +239,7 @@ class Sad(Estimator):
         """Return the mismatch S / 127 beyond which offsets are left out; None to keep all.
 
         Only ranges of 10 m or more gain by it, in cells so small that the disc holds enough blocks.
-        What is left out weighs less than exp(-40) of the zero lag, and its moments add up to no
+        An omitted offset weighs less than exp(-40) of the zero lag, and their moments add up to no
         more than 1e-12 of a covariance [m^2, rad^2].
 
         Parameters

@@ -35,7 +35,7 @@ class CellGroup(NamedTuple):
 
     @property
     def unit(self) -> int:
-        """What the spacing has in common with a square's edge [cells]."""
+        """Greatest common divisor of the spacing and a square's edge [cells]."""
         return math.gcd(self.spacing, SQUARE)
 
     def spans(self, unit: int, reach: int) -> tuple[int, int]:

@@ -149,7 +149,7 @@ class Scan(LidarEstimator):
 
 
 def _check_noise(noise: object) -> tuple[float, float]:
-    """Return the two numbers of the endpoint noise; a ConfigError for any other value."""
+    """Return the two numbers of the endpoint noise; raise a ConfigError if they are not valid."""
     if not (
         isinstance(noise, (tuple, list))
         and len(noise) == 2

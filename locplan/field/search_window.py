@@ -1,4 +1,4 @@
-"""The search window: the pose offsets (dx, dy, theta) at which the map is compared with itself."""
+"""The search window: pose offsets (dx, dy, theta) to compare the map with itself."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_STEPS = 1000
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class SearchWindow(Settings):
-    """Pose offsets around a place at which a match is searched; the defaults are the paper's.
+    """Pose offsets around a place to search for a match; the defaults are the paper's.
 
     Raises
     ------

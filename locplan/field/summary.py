@@ -71,7 +71,7 @@ class FieldSummary:
     saturated_share: float
     """Share of the cells whose matches count as perfect, 0..1."""
     all_perfect: bool
-    """Whether u is 0 all over the map."""
+    """True if u is 0 throughout the map."""
     e_unit: str
     """Unit of e: without rotation in the search window it is m^2."""
 

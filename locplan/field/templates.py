@@ -139,7 +139,7 @@ def find_cell_beams(radius: int, theta: float) -> Ints:
 
 
 def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
-    """Return the centre (row, col) about which a map is turned.
+    """Return the centre of a map's rotation, (row, col).
 
     Parameters
     ----------

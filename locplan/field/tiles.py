@@ -1,4 +1,4 @@
-"""The arrays of a field on its lattice, and the tiles in which they are computed."""
+"""The arrays of a field on its lattice, and the tiles that divide their computation."""
 
 from __future__ import annotations
 

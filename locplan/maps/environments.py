@@ -56,7 +56,7 @@ _Shape = tuple[str, list[float]]
 
 @cache
 def _read_plan(name: str) -> tuple[list[_Shape], dict[str, tuple[float, float]]]:
-    """Read the shapes of a plan, in the order in which they are drawn, and its named places."""
+    """Read the shapes of a plan in drawing order, and its named places."""
     shapes: list[_Shape] = []
     places: dict[str, tuple[float, float]] = {}
     text = Path(__file__).with_name("plans").joinpath(f"{name}.txt").read_text("utf-8")

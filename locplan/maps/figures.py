@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba_array
+from matplotlib.colors import Colormap, Normalize, to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Patch, PathPatch
@@ -29,7 +29,16 @@ MAX_DRAWN_CELLS = 2000
 """Maximum number of cells along a side to draw one by one; larger maps are drawn in blocks."""
 
 
-def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options: Any) -> AxesImage:
+def draw_cells(
+    axes: Axes,
+    grid: OccupancyGrid,
+    values: NDArray[Any],
+    *,
+    cmap: Colormap | None = None,
+    norm: Normalize | None = None,
+    vmin: float | None = None,
+    vmax: float | None = None,
+) -> AxesImage:
     """Draw values of a map's cells, or of blocks of them, in world coordinates.
 
     Parameters
@@ -41,8 +50,12 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     values : (H, W) array
         The values of all cells, row 0 at the lowest y, or of the blocks that a map with more than
         `MAX_DRAWN_CELLS` cells along a side is drawn in.
-    **options
-        Options of ``matplotlib.image.AxesImage`` such as cmap and norm, and vmin and vmax.
+    cmap : matplotlib.colors.Colormap, optional
+        Colours of values that are not colours themselves.
+    norm : matplotlib.colors.Normalize, optional
+        Scale of the colours; linear by default.
+    vmin, vmax : float, optional
+        Values at the ends of a linear scale; by default the least and the greatest value.
 
     Returns
     -------
@@ -52,16 +65,19 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     cells = compute_block_size(grid.shape) if values.shape[:2] != grid.shape else 1
     height, width = (size * cells * grid.resolution for size in values.shape[:2])
     x, y, yaw = grid.origin
-    clim = options.pop("vmin", None), options.pop("vmax", None)
     image = CellImage(
         axes,
         origin="lower",
         extent=(0, width, 0, height),
         interpolation="antialiased" if values.dtype == np.uint8 else "nearest",
-        **options,
+        cmap=cmap,
+        norm=norm,
     )
     image.set_data(values)
-    image.set_clim(*clim) if clim != (None, None) else image.autoscale_None()
+    if vmin is None and vmax is None:
+        image.autoscale_None()
+    else:
+        image.set_clim(vmin, vmax)
     image.set_clip_path(axes.patch)
     axes.add_image(image)
     image.set_transform(Affine2D().rotate(yaw).translate(x, y) + axes.transData)
@@ -111,7 +127,7 @@ def downsample_map(grid: OccupancyGrid, max_blocks: int) -> OccupancyGrid:
 
 
 def compute_block_size(shape: tuple[int, ...], max_blocks: int | None = None) -> int:
-    """Return the edge of the blocks in which a large map is drawn [cells]."""
+    """Return the edge of the blocks of a large map's drawing [cells]."""
     return math.ceil(max(shape[:2]) / (max_blocks or MAX_DRAWN_CELLS))
 
 
@@ -124,16 +140,22 @@ def find_known_extent(grid: OccupancyGrid) -> tuple[int, int, int, int]:
     return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
 
 
-def compute_axes_limits(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str, Any]:
-    """Return `xlim` and `ylim` around the known cells, with a margin [m]."""
+class AxesLimits(NamedTuple):
+    """Limits of Axes in world coordinates, (low, high) each [m]."""
+
+    xlim: tuple[float, float]
+    ylim: tuple[float, float]
+
+
+def compute_axes_limits(grid: OccupancyGrid, *, share: float = 0.02) -> AxesLimits:
+    """Return the limits of Axes around the known cells, with a margin."""
     low, high, left, right = find_known_extent(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
     margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
-    ends = [
-        (float(coordinates.min() - margin), float(coordinates.max() + margin))
-        for coordinates in (x, y)
-    ]
-    return dict(zip(("xlim", "ylim"), ends, strict=True))
+    return AxesLimits(
+        xlim=(float(x.min() - margin), float(x.max() + margin)),
+        ylim=(float(y.min() - margin), float(y.max() + margin)),
+    )
 
 
 def make_map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
@@ -173,7 +195,7 @@ def compute_figure_size(grid: OccupancyGrid) -> tuple[float, float]:
 
 
 def compute_drawing_size(grid: OccupancyGrid) -> tuple[float, float]:
-    """Return the size at which the known part of a map is drawn.
+    """Return the size of the drawing of a map's known part.
 
     Parameters
     ----------
@@ -281,11 +303,12 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
         The map.
     """
     draw_cells(axes, grid, compute_shades(grid), cmap=styles.MAP_COLOURS, vmin=0, vmax=3)
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **compute_axes_limits(grid))
+    limits = compute_axes_limits(grid)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=limits.xlim, ylim=limits.ylim)
 
 
 def draw_zones(axes: Axes, zones: Zones, grid: OccupancyGrid) -> list[Patch]:
-    """Draw the zones that overlap a map: no-go zones hatched, all others as outlines.
+    """Draw the zones that overlap a map: no-go zones hatched, the rest as outlines.
 
     Parameters
     ----------
@@ -349,7 +372,7 @@ def faults_figure(faults: MapFaults) -> Figure:
     Parameters
     ----------
     faults : MapFaults
-        What `locplan.maps.faults` has found.
+        The result of `locplan.maps.faults`.
     """
     figure, axes = make_map_axes(faults.grid)
     draw_map(axes, faults.grid)

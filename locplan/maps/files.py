@@ -197,7 +197,7 @@ def _read_yaml_values(file: Path) -> dict[str, YamlValue]:
 
 
 def _read_node_text(node: Any) -> YamlValue:
-    """Return the text of a scalar, or the texts of a sequence; ... for any other node."""
+    """Return the text of a scalar, or the texts of a sequence; "..." for a mapping."""
     if node.tag == "tag:yaml.org,2002:null":
         return None
     if node.id == "scalar" and node.tag in SCALAR_TAGS:
@@ -238,7 +238,7 @@ class MapSource:
     mode: str
     """Mode of the YAML: "trinary", "scale" or "raw"."""
     negate: bool
-    """Whether white is occupied."""
+    """True if white is occupied."""
     free_thresh: float
     """Maximum occupancy that is free, 0..1; map_saver writes 0.196 or 0.25."""
     occupied_thresh: float
@@ -405,7 +405,7 @@ def read_pixels(file: Path) -> tuple[Array, Bools | None, bool]:
 def _open_image(content: bytes) -> ImageFile.ImageFile:
     """Open an image and read only its header.
 
-    Image.open would apply Pillow's limit, which the process may have changed or lifted.
+    Image.open would apply Pillow's limit, and the process may have changed it.
     """
     from PIL import Image
 
@@ -529,7 +529,7 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource | N
 
 
 def read_mask(path: str | os.PathLike[str]) -> OccupancyGrid:
-    """Read a keepout mask of Nav2: cells are occupied where the KeepoutFilter sees 100.
+    """Read a keepout mask of Nav2: a cell is occupied if the KeepoutFilter reads 100 there.
 
     Parameters
     ----------
@@ -629,7 +629,7 @@ def map_name_from_file(map_file: Path) -> str:
 
 
 def list_source_files(path: Path) -> list[Path]:
-    """List the files from which a map, or the maps in a folder, are read.
+    """List the files of a map, or of all maps in a folder.
 
     The files of all maps in the folder of a map file count, because a picture may get the same
     name.
@@ -652,7 +652,8 @@ def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
     The name of a built-in map is listed as it is.
 
     Subfolders count, except for exported files. A folder without a map is listed itself, so that
-    `load_map` reports it. The order is that of the arguments, in a folder by name.
+    `load_map` reports it. Files keep the order of the arguments; in a folder they are
+    sorted by name.
 
     Parameters
     ----------
@@ -699,7 +700,7 @@ def save_map(
     image_format : str, default "pgm"
         "pgm" or "png"; PNG files are smaller.
     negate : bool, default False
-        Whether white is occupied, which few maps have; it has no effect in mode "raw".
+        True if white is occupied, which is rare; it has no effect in mode "raw".
 
     Raises
     ------

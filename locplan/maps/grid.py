@@ -179,7 +179,7 @@ class OccupancyGrid(DrawableResult):
         )
 
     def __eq__(self, other: object) -> bool:
-        """True if the other grid is the same map; its name does not count."""
+        """True if two grids are the same map; their names do not count."""
         return isinstance(other, OccupancyGrid) and self.digest == other.digest
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -334,7 +334,7 @@ class OccupancyGrid(DrawableResult):
         return np.column_stack([x, y]) if np.ndim(x) else (float(x), float(y))
 
     def crop(self, rows: slice, cols: slice) -> OccupancyGrid:
-        """The map's part of some rows and columns, which lies where it lies in the map.
+        """Return a part of the map, at the same place in the world.
 
         Parameters
         ----------

@@ -258,20 +258,20 @@ class MapFault:
     """A fault of a map that misleads a robot or its user."""
 
     kind: str
-    """What it is: "mask", "costmap", "thresholds", "cells", "coarse cells", "open boundary", "solid
-    walls", "thick walls", "painted unknown", "specks" or "origin"; by recorded drives "resolution",
-    "deep walls", "false walls" or "missing walls"."""
+    """Kind of the fault: "mask", "costmap", "thresholds", "cells", "coarse cells", "open boundary",
+    "solid walls", "thick walls", "painted unknown", "specks" or "origin"; by recorded drives
+    "resolution", "deep walls", "false walls" or "missing walls"."""
     message: str
-    """What is wrong, as a sentence without a full stop."""
+    """The fault as a sentence, without a full stop."""
     remedy: str = ""
-    """What to do about it; empty where the sentence says all."""
+    """Instruction to remove the fault; empty if the message contains it."""
     impact: str = ""
-    """What it costs a robot, where that was measured; else empty."""
+    """Measured effect on a robot; empty if it was not measured."""
     is_certain: bool = False
-    """Whether the map, or the drive, shows it; else only the user, or a longer drive, can tell."""
+    """True if the map or the drive proves it; otherwise confirm it, or drive longer."""
     boxes: tuple[tuple[float, float, float, float], ...] = ()
-    """Where it is, largest first: the least and greatest x, then y, of each place in the world [m];
-    empty where it is everywhere."""
+    """Places of the fault, largest first: the least and greatest x, then y, of each one [m]; empty
+    if the fault is everywhere."""
 
     @property
     def place_text(self) -> str:
@@ -388,9 +388,9 @@ def find_cell_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
     if grid.resolution > COARSE:
         yield _make_fault(
             "coarse cells",
-            f"cells of {grid.resolution:g} m are coarse beside a lidar, which measures to some"
+            f"cells of {grid.resolution:g} m are coarse for a lidar, which measures to some"
             " centimetres; check resolution in the map's YAML (0.05 is usual), or map the site"
-            " anew",
+            " again",
         )
     rim = np.concatenate([cells[0], cells[-1], cells[1:-1, 0], cells[1:-1, -1]]) == FREE
     if rim.mean() > MIN_SHARE:

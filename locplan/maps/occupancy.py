@@ -48,7 +48,7 @@ def _check_per_cent(values: NDArray[Any]) -> NDArray[Any]:
     """Return values after checking that they are -1 to 100."""
     if not np.issubdtype(values.dtype, np.integer):
         raise MapError(
-            f"occupancy of type {values.dtype} is ambiguous: say probabilities=True for 0.0 to 1.0,"
+            f"occupancy of type {values.dtype} is ambiguous: set probabilities=True for 0.0 to 1.0,"
             " or give whole numbers of -1 to 100"
         )
     wrong = values[(values < -1) | (values > 100)]

@@ -242,7 +242,7 @@ class Zones:
         Parameters
         ----------
         mask : OccupancyGrid
-            The mask, whose occupied cells are closed; all others are open.
+            The mask; its occupied cells are closed, the rest is open.
 
         Raises
         ------
@@ -486,7 +486,7 @@ def _read_member(geojson: Any, name: str) -> Any:
 
 
 def _is_closed(ring: Any) -> bool:
-    """True if a ring ends where it begins."""
+    """True if the first point of a ring is also its last."""
     return isinstance(ring, list) and len(ring) > 1 and ring[0] == ring[-1]
 
 
@@ -571,7 +571,7 @@ def check_zones_on_map(zones: Zones, grid: OccupancyGrid) -> None:
 
 
 def normalize_zones(zones: Zones | None) -> Zones:
-    """Return the zones, or empty ones for None; a ConfigError for any other type.
+    """Return the zones, or empty ones for None; raise a ConfigError if they are not Zones.
 
     Parameters
     ----------

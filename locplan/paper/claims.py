@@ -70,8 +70,7 @@ class TemplateSlide:
         return bool((values == values[0]).all())
 
     def find_peaks(self, model: str) -> Floats:
-        """Return the shifts at which a model has its best value, (k,) [m]; none if all values are
-        equal.
+        """Return the shifts of a model's best value, (k,) [m]; none if all values are equal.
 
         Parameters
         ----------

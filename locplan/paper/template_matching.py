@@ -2,7 +2,8 @@
 
 The seven models that the paper compares take the levels of a template T and of the part M of the
 map that it lies on, arrays of the same shape. The best match has the least value of SSD, SAD and
-NSSD, and the greatest of the others. A model that divides by zero is undefined: NaN.
+NSSD, and the greatest value of NCC, ZNCC, ZCC and CC. A model that divides by zero is undefined:
+NaN.
 
 Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
 (2023), doi 10.1186/s40648-023-00256-w.

@@ -127,7 +127,7 @@ def any_angle_path(
     start, goal : (x, y)
         Positions in the world [m].
     allow_corner_cutting : bool, default False
-        Whether lines may pass the corner of a blocked cell.
+        True lets lines pass the corner of a blocked cell.
     wider : (m, 2) array, optional
         Cells to straighten in place of those, if they were searched over more moves.
     """

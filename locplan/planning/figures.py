@@ -380,12 +380,12 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
 def _set_limits(axes: Axes, grid: OccupancyGrid, share: float = 0.02) -> None:
     """Limit Axes to the known cells of a map, with a margin of a share of their extent."""
     limits = compute_axes_limits(grid, share=share)
-    axes.set(xlim=limits["xlim"], ylim=limits["ylim"])
+    axes.set(xlim=limits.xlim, ylim=limits.ylim)
 
 
 def _compute_inset_size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
     """Return the width and height of the inset with a map, as shares of the Axes."""
-    shares = np.ptp([*compute_axes_limits(grid).values()], axis=1)
+    shares = np.ptp(compute_axes_limits(grid), axis=1)
     shares /= np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1)
     across, along = (shares * (0.3 / shares.max())).tolist()
     return across, along

@@ -100,7 +100,7 @@ def make_primitives(
     radius : float
         Turning radius, >= 0 [cells]; with 0 turns are on the spot.
     sideways : bool
-        Whether there are motions sideways.
+        True adds motions sideways.
     span : int, default 1
         Number of headings, at least 1, that a turn may pass to either side.
     """

@@ -105,8 +105,8 @@ class LimitedPlanner(PlannerWrapper):
     ) -> tuple[PlannerResult | None, PlannerResult | None, tuple[float, float] | None]:
         """Return a circle's path that is clear for the outline, or None without one.
 
-        The second value is the last search that gave up, the third the position at which the
-        outline meets a wall on the inner circle's path.
+        The second value is the last search that gave up. The third is the position of the outline's
+        first collision on the inner circle's path.
         """
         assert self.outline is not None
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius

@@ -144,7 +144,7 @@ class MapInfo(DrawableResult):
     pairs: tuple[PlacePair, ...]
     """Pairs of places far apart in the largest rooms, the farthest of each room first."""
     warnings: tuple[str, ...]
-    """What of the map misleads, each in one sentence."""
+    """Faults of the map that mislead a robot, one sentence each."""
 
     def __repr__(self) -> str:
         rooms = f"{len(self.rooms)} room{'' if len(self.rooms) == 1 else 's'}"
@@ -211,8 +211,8 @@ class MapInfo(DrawableResult):
         if self.pairs:
             parts.append(
                 f"{LIDAR} stands for your lidar, or the robot that carries it (locplan info"
-                " lists them); candidates are driven with it, and locplan check tells where your"
-                " robot gets lost"
+                " lists them); plan simulates it on the candidates, and locplan check reports where"
+                " your robot gets lost"
             )
         return "\n".join([*parts, *(f"warning: {warning}" for warning in self.warnings)])
 
@@ -302,7 +302,7 @@ def describe_map(
     Returns
     -------
     MapInfo
-        What was found; its `report` is text for people, `summary` is fit for JSON.
+        The description; its `report` is text for people, `summary` is fit for JSON.
 
     Raises
     ------

@@ -337,7 +337,7 @@ def as_path(path_like: AnyPath) -> Path:
     if isinstance(path, Path):
         return path
     if path is None and path_like is not None:
-        raise LocplanError("the plan has no path; its status and note tell why")
+        raise LocplanError("the plan has no path; its status and note give the reason")
     fault = "a path must be a Path, a plan, or an (n, 2) or (n, 3) array [m, m, rad]"
     poses = parse_number_array(path, fault)
     if poses.ndim != 2 or poses.shape[1] not in (2, 3):
@@ -360,7 +360,7 @@ def stack_poses(path_like: AnyPath | Sequence[AnyPath]) -> tuple[Floats, Ints, b
     sizes : (m,) array
         Number of poses of each path, at least 1.
     is_single : bool
-        Whether the caller gave one path and not several.
+        True if the caller gave one path, not several.
     """
     is_single = not _are_several(path_like)
     several: Any = [path_like] if is_single else path_like

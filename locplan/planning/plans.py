@@ -285,7 +285,7 @@ def plan_with_adaptive_field(
     field : CovarianceField
         The last field; NaN at points that were not evaluated.
     planned
-        What was planned on it.
+        The result of the last planning on it.
     """
     required = config.lattice_points(grid)
     resolution, stride = grid.resolution, config.stride_cells(grid.resolution)

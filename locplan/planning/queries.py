@@ -102,7 +102,7 @@ def normalize_queries(
     seed : int
         Seed of random ones, >= 0.
     headed : bool, default False
-        Whether random ones have headings.
+        True gives random queries headings.
 
     Raises
     ------

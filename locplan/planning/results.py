@@ -43,9 +43,9 @@ class Plan(Result, StoredResult):
     files: ClassVar[ResultFiles] = ResultFiles("plan", ("plan.json", "plan.png", "path.csv"))
 
     status: Status
-    """The status is "solved", or says that no path leads to the goal ("unreachable"), that none
-    keeps the limits ("infeasible"), that none was found in time ("timeout"), or that none was
-    found where the planner searched, though there may be one ("not found")."""
+    """"solved"; "unreachable" if no path leads to the goal; "infeasible" if no path keeps the
+    limits; "timeout" if none was found in time; "not found" if the planner's search was incomplete
+    and found none."""
     planner: str
     """The planner's name, such as "any-angle"."""
     start: Position
@@ -81,7 +81,7 @@ class Plan(Result, StoredResult):
     none over waypoints."""
     note: str = ""
     """A text on why there is no path and what would help, or on what the path does not respect;
-    empty if there is nothing to say."""
+    otherwise empty."""
     costs: Costmap | None = field(default=None, compare=False)
     """The costmap that `metrics` were measured on; None if that is not known."""
 

@@ -23,7 +23,7 @@ Deviation = tuple[float, float]
 
 
 class Filter(Protocol):
-    """Settings of a filter, which can `start` any number of trackers.
+    """Settings of a filter; `start` begins any number of trackers.
 
     They are a frozen dataclass like `Amcl`: drives run in threads, and their filters share nothing
     but the settings. `locplan.testing.check_filter` checks a custom filter.
@@ -237,7 +237,7 @@ class Amcl(Settings):
         return ParticleFilter(self, grid, lidar, pose, deviation, random)
 
     def reach(self, lidar: Lidar) -> float:
-        """Return the range beyond which a beam counts as without a return [m].
+        """Return the maximum range of a beam that counts as a return [m].
 
         Parameters
         ----------

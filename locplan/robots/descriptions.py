@@ -305,8 +305,12 @@ def _with_mount(lidar: Lidar, sensors: list[Element], tree: RobotLinks) -> Lidar
         return lidar
     if len(sensors) == 1:
         described = _lidar_from_sensor(sensors[0], tree)
-        mounts = ("mount_x", "mount_y", "mount_yaw_deg")
-        return dataclasses.replace(lidar, **{name: getattr(described, name) for name in mounts})
+        return dataclasses.replace(
+            lidar,
+            mount_x=described.mount_x,
+            mount_y=described.mount_y,
+            mount_yaw_deg=described.mount_yaw_deg,
+        )
     links = [] if sensors else tree.find_scanner_links()
     if len(links) == 1:
         mount = _mount_from_pose(tree.pose_of_link(links[0]))

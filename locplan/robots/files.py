@@ -1,4 +1,4 @@
-"""Files of a robot: locplan's own, Nav2's parameters, and the lidar of a URDF or SDF."""
+"""Files of a robot: locplan's robot files, Nav2's parameters, and the lidar of a URDF or SDF."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def list_setting_names(kind: type) -> list[str]:
 
 
 def footprint_from_corners(value: Any) -> Any:
-    """Return a footprint from a list of corners; any other value is returned unchanged."""
+    """Return a footprint from a list of corners, and any value but a list unchanged."""
     return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
 
 
@@ -107,7 +107,7 @@ def _read_robot_file(
             name: setting for name, setting in settings.items() if not (lidar and name == "lidar")
         }
     if suffix == ".json":  # a calibration that is older, or one of a field alone
-        raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or write it anew')
+        raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or write it again')
     return ParameterFile(file, content), robot
 
 
@@ -188,7 +188,7 @@ def _build_part(name: str, value: Any) -> Any:
     if not isinstance(value, Mapping):
         raise ConfigError(f"{name} must hold settings by name, not {short_repr(value)}")
     if _is_named_filter(name, value):
-        return NamedFilter(**value)
+        return NamedFilter(title=value["title"], settings=value["settings"])
     try:
         return kind(**value)
     except ConfigError as error:

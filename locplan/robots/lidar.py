@@ -166,9 +166,15 @@ class Lidar(Settings):
             If the name is unknown.
         """
         check_choice("lidar", name, LIDARS)
-        sheet = LIDARS[name]._asdict()
-        del sheet["source"]
-        return cls(**sheet, model=name)
+        sheet = LIDARS[name]
+        return cls(
+            range=sheet.range,
+            min_range=sheet.min_range,
+            field_of_view_deg=sheet.field_of_view_deg,
+            beams=sheet.beams,
+            range_sigma=sheet.range_sigma,
+            model=name,
+        )
 
     @classmethod
     def from_scan(

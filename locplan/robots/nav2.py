@@ -52,7 +52,7 @@ class CostmapLayer(NamedTuple):
     plugin: str
     """Type of the plugin; empty if the parameters do not have it."""
     enabled: Any
-    """Whether it is enabled; the text that stands there if a launch file replaces it."""
+    """True if it is enabled; the placeholder's text if a launch file replaces it."""
     container: str = ""
     """Name of the PluginContainerLayer that holds it, if one does."""
 
@@ -331,7 +331,7 @@ def _read_drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
     kind = _planner_class_name(server_parameters, planner)
     if kind in ("SmacPlannerHybrid", "SmacPlanner"):  # the latter up to foxy
         model = server_parameters.get(f"{planner}.motion_model_for_search", "DUBIN")
-        if model in ("DUBIN", "REEDS_SHEPP"):  # the latter drives in reverse, too
+        if model in ("DUBIN", "REEDS_SHEPP"):  # the latter also drives in reverse
             radius = server_parameters.get(f"{planner}.minimum_turning_radius", 0.4)
             reverse = model == "REEDS_SHEPP"
             return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
@@ -428,7 +428,7 @@ def read_settings(parameters: Nav2Parameters, planner: str | None = None) -> dic
 
 
 def list_parameter_notes(parameters: Nav2Parameters, planner: str | None = None) -> list[str]:
-    """List sentences about parameters of Nav2 that are not simulated, or that contradict others.
+    """List sentences about parameters of Nav2 that are not simulated or contradict each other.
 
     Parameters
     ----------

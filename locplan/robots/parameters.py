@@ -243,9 +243,9 @@ class Nav2Parameters:
         node : str
             Name of the node.
         shared : bool, default True
-            Whether those for nodes of any name are among them.
+            True includes parameters for nodes of any name.
         component : bool, default False
-            Whether a component container loads the node. The costmaps, which their servers start,
+            True if a component container loads the node. The costmaps, which their servers start,
             are merged in the same way in either case.
         """
         values: dict[str, ParameterValue] = {}
@@ -616,7 +616,7 @@ def _list_robot_namespaces(file: ParameterFile) -> list[str]:
 
 
 def parse_yaml_values(file: Path, content: bytes, remedy: str) -> Parameters:
-    """Parse a file's YAML into values by name, as ROS reads them; None for other content."""
+    """Parse a file's YAML into values by name, as ROS reads them; empty if it is no mapping."""
     root = compose_yaml(file, content, remedy)
     try:
         values = None if root is None else _PlainValues().read_node(root)

@@ -103,9 +103,23 @@ def filter_settings(amcl: Amcl) -> FilterSettings:
     """
     from locplan._support.kernels.particles import FilterSettings
 
-    names = [name for name in FilterSettings._fields if name != "omnidirectional"]
-    parameters = {name: getattr(amcl, name) for name in names}
-    return FilterSettings(**parameters, omnidirectional=amcl.is_omnidirectional)
+    return FilterSettings(
+        alpha1=amcl.alpha1,
+        alpha2=amcl.alpha2,
+        alpha3=amcl.alpha3,
+        alpha4=amcl.alpha4,
+        alpha5=amcl.alpha5,
+        omnidirectional=amcl.is_omnidirectional,
+        min_particles=amcl.min_particles,
+        max_particles=amcl.max_particles,
+        pf_err=amcl.pf_err,
+        pf_z=amcl.pf_z,
+        resample_interval=amcl.resample_interval,
+        update_min_d=amcl.update_min_d,
+        update_min_a=amcl.update_min_a,
+        recovery_alpha_slow=amcl.recovery_alpha_slow,
+        recovery_alpha_fast=amcl.recovery_alpha_fast,
+    )
 
 
 def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
@@ -148,7 +162,7 @@ def beam_scores(
     lidar : Lidar
         The lidar, for its range.
     values : (H + 2, W + 2) array of float32, optional
-        What `compute_score_values` gave for these; by default it is computed.
+        Result of `compute_score_values` for these; by default it is computed.
     """
     from locplan._support.kernels.particles import BeamScores
 

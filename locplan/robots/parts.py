@@ -36,12 +36,12 @@ class Kinematics(Settings):
     drive: Literal["differential", "omnidirectional", "car-like"] = setting(
         "differential", "differential", "omnidirectional", "car-like"
     )
-    """A differential drive turns on the spot, an omnidirectional one moves sideways, too, and a
+    """A differential drive turns on the spot, an omnidirectional one also moves sideways, and a
     car-like one needs a turning radius."""
     turning_radius: float = setting(0.0, 0.0)
-    """Minimum turning radius, above 0 for a car-like robot and else 0 [m]."""
+    """Minimum turning radius, above 0 for a car-like robot, otherwise 0 [m]."""
     reverse: bool = setting(True)
-    """Whether the robot drives in reverse, too."""
+    """True if the robot can also drive in reverse."""
     speed: float = setting(0.5, check_positive)
     """Usual speed, above 0 [m/s]."""
 
@@ -252,7 +252,7 @@ class Footprint:
         return hash(self.vertices.tobytes())
 
     def find_first_collision(self, grid: OccupancyGrid, poses: Any) -> tuple[float, float] | None:
-        """Find the first position on a path at which the outline meets an occupied cell.
+        """Find the first position on a path with the outline on an occupied cell.
 
         A path without headings is driven forward: the robot heads along each line and turns on
         the spot, the shorter way, where two lines meet. The check is exact for lines; in turns the
@@ -279,8 +279,7 @@ class Footprint:
         return float(x), float(y)
 
     def find_collisions(self, grid: OccupancyGrid, poses: Floats) -> Ints:
-        """Return the indices of all lines between poses along which the outline meets an occupied
-        cell.
+        """Return the indices of all lines between poses that collide with an occupied cell.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""A robot: all settings that decide how it plans and localizes, in one object."""
+"""A robot: all settings of its planning and localization, in one object."""
 
 from __future__ import annotations
 

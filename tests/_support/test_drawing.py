@@ -133,8 +133,8 @@ def test_values_read_at_cells_are_those_of_the_map(field, logarithmic):
 def test_the_bar_of_a_field_names_powers_of_ten_without_formulas(field):
     figure = Picture(layout="constrained")
     axes = figure.subplots()
-    options = {"cmap": FIELD_COLOURS, "norm": LogNorm(2e-4, 0.9)}
-    image = draw_cells(axes, field.grid, np.ones(field.grid.shape), **options)
+    values = np.ones(field.grid.shape)
+    image = draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=LogNorm(2e-4, 0.9))
     bar = draw_field_bar(figure, image, axes, "e")
     figure.canvas.draw()
     shown = {text.get_text() for text in bar.ax.get_yticklabels()}

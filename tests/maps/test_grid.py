@@ -155,7 +155,7 @@ def test_probabilities_are_accepted_when_they_are_said_to_be_some():
     [
         ([[0, 1]], False, "give a bool array"),
         ([[-1, 1]], False, "give a bool array"),
-        ([[0.0, 1.0]], False, "say probabilities=True"),
+        ([[0.0, 1.0]], False, "set probabilities=True"),
         ([[0, 255]], False, "there is 255; an image is read by locplan.load_map"),
         ([[0, -2]], False, "there is -2"),
         ([["wall"]], False, "is ambiguous"),

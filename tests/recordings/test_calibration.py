@@ -289,5 +289,5 @@ def test_wrong_files_of_settings_are_one_clear_line(tmp_path, content, said):
 def test_older_files_of_settings_are_refused(tmp_path):
     file = tmp_path / "older.json"
     file.write_text(json.dumps({"config": {}, "amcl": {"alpha1": 0.1}}))
-    with pytest.raises(ConfigError, match=r"older\.json: has no entry \"robot\"; .* anew"):
+    with pytest.raises(ConfigError, match=r"older\.json: has no entry \"robot\"; .* again"):
         Robot.load(file)

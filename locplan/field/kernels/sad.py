@@ -161,7 +161,7 @@ def fill_tile_covariances(
         control[N_DONE] += 1
 
 
-# Inlined, since LLVM optimises a function anew within each one that calls it.
+# Inlined, since LLVM optimises a function again within each caller.
 @njit(inline="always")
 def count_lines(
     tile: TileLayout, template: TemplateSquares, cell: int, lines: Bools, counts: Ints, factor: int

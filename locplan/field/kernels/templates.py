@@ -1,9 +1,9 @@
 """Parts of a template to compare: its squares of 8 x 8 cells, sorted into empty, partly set and
 full.
 
-The kernel needs |T and M| over the disc, for each plane T of a template. Squares in which T has
-no cell add nothing, and a run of squares that are set throughout, one above the other, adds the
-difference of two prefix sums of the map. The remaining squares lie along walls and along the
+The kernel needs |T and M| over the disc, for each plane T of a template. Squares without
+a cell of T add nothing. A vertical run of full squares adds the difference of two prefix sums of
+the map. The remaining squares lie along walls and along the
 disc's rim. If N, the disc without T, leaves fewer of them, N is listed instead, since |T and M| =
 |M| - |N and M|.
 """
@@ -173,7 +173,7 @@ def list_templates(
             bounds[k, side, 1], bounds[k, side, 3] = square, run
 
 
-# These are inlined, since LLVM optimises a function anew within each one that calls it. Arrays have
+# These are inlined, since LLVM optimises a function again within each caller. Arrays have
 # local names in them: numba counts references to those that are passed on.
 @njit(inline="always")
 def sort_squares(

@@ -157,7 +157,7 @@ def _fill_turning_word(
         return first >= -SLACK
     across = math.hypot(*opposite)
     sides[:4] = 1, -1, 1, -1
-    if number == 3:  # 8.7: left, right, left and right in reverse, the middle two alike
+    if number == 3:  # 8.7: left, right, left and right in reverse, the middle two equal
         ratio = (2 + across) / 4
         if ratio > 1:
             return False

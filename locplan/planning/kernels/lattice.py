@@ -1,6 +1,6 @@
 """Search over (row, col, heading) by motions of a few shapes: a state lattice.
 
-Whether a motion is free is one bit: the occupied cells, dilated by all cells that the outline
+One bit shows if a motion is free: the occupied cells, dilated by all cells that the outline
 sweeps along it, 64 cells in a word. A bound for the cost to the goal is found first by a backward
 search over cells alone, which may use any heading's motions: it never exceeds the cost, and no
 motion lowers it by more than its cost. Both searches have circular buckets, first in, first out.
@@ -50,7 +50,7 @@ class LatticeMoves(NamedTuple):
 
 
 class LatticeGround(NamedTuple):
-    """What the motions go over."""
+    """The map that the motions pass over."""
 
     half: Floats  # (n,) half the density of each cell, by layers of headings
     masks: Words  # (headings, rows, words, slots) bit 1 where a motion from a cell is not free

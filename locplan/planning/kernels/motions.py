@@ -225,7 +225,7 @@ def compute_world_cost(
             pose[1] -= 1.0
         if find_first_hit(body.sums, body.outline, poses) >= 0:
             return blocked
-    # After rounding, too, no motion costs less than its length.
+    # Even after rounding no motion costs less than its length.
     return max(cost, (1 + 1e-14) * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
 
 

@@ -80,7 +80,7 @@ def search_labels(
     labels : Labels
         At the beginning just the start's label in bucket 0; at the end `state[STATUS]` is set.
     terms : Terms
-        What is searched.
+        The terms of the search.
     expansions : int
         Number of labels that are expanded at most.
     solutions : (m,) array of int32
