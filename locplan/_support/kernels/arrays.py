@@ -1,4 +1,4 @@
-"""Types of the kernels' arrays, and how another thread follows and stops a kernel that runs."""
+"""Types of the kernels' arrays, and the array by which threads stop and follow a kernel."""
 
 from __future__ import annotations
 
@@ -19,4 +19,4 @@ Numbers: TypeAlias = tuple[Any, ...]
 Random: TypeAlias = np.random.Generator
 
 STOP, N_DONE = 0, 1
-"""Places in the array `control` that threads share: set to stop early, and the places done."""
+"""Indices in the shared array `control`: a flag to stop early, and the number of places done."""

@@ -17,34 +17,34 @@ from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure
 from locplan._support.kernels.particles import BeamScores, FilterSettings, wrap_angle
 
 NOW, COUNT, BINS, UPDATES, UPDATED, AT = range(6)
-"""Places in `Tracker.state`."""
+"""Indices in `FilterState.state`."""
 
 
 class Start(NamedTuple):
-    """Standard deviations of the filter's first pose."""
+    """Standard deviations of the error of the filter's first pose."""
 
     position: float  # [m]
     heading: float  # [rad]
 
 
 class FilterState(NamedTuple):
-    """The particles of a filter, and its last pose."""
+    """State of a particle filter: its particles, weights and last pose."""
 
-    clouds: Floats  # (2, 3, most) particles, and room for those that are drawn
-    weights: Floats  # (most,)
+    clouds: Floats  # (2, 3, n) the particles, and space for the next ones
+    weights: Floats  # (n,)
     histogram: particles.Histogram
     averages: Floats  # (2,) slow and fast average of the mean weight, 0 before the first one
     pose: Floats  # (3,) mean of the heaviest cluster at the last resampling
     state: Ints
-    # (6,) which cloud holds the particles, their number, that of their bins, the number of updates,
-    # the index of the reported pose at the last one, and of that at the last resampling
+    # (6,) index of the cloud in use, number of particles, of bins and of updates, index of the
+    # reported pose at the last update, and at the last resampling
 
 
 @njit(nogil=True, cache=True)
 def start_filter(
     random: Random, first: Floats, start: Start, settings: FilterSettings
 ) -> FilterState:
-    """Draw a filter's particles about a pose that is off from `first` (3,) by as much."""
+    """Draw a filter's particles around a first pose with a random error of the same deviations."""
     max_particles = settings.max_particles
     clouds, weights = np.empty((2, 3, max_particles)), np.full(max_particles, 1 / max_particles)
     poses = clouds[0]
@@ -64,7 +64,7 @@ def start_filter(
 
 @njit(nogil=True, cache=True)
 def is_update_due(tracker: FilterState, reported: Floats, n: int, settings: FilterSettings) -> bool:
-    """Whether odometry (n, 3) has come far enough since the last update."""
+    """True if odometry (n, 3) has moved or turned far enough since the last update."""
     last = tracker.state[UPDATED]
     dx, dy = reported[n, 0] - reported[last, 0], reported[n, 1] - reported[last, 1]
     turn = wrap_angle(reported[n, 2] - reported[last, 2])
@@ -86,9 +86,9 @@ def advance(
 
 @njit(nogil=True, cache=True)
 def update_lost_share(averages: Floats, weight: float, settings: FilterSettings) -> float:
-    """Take a mean weight into its slow and fast averages (2,), and return max(0, 1 - fast / slow).
+    """Update the slow and fast averages (2,) of the mean weight; return max(0, 1 - fast / slow).
 
-    That is AMCL's share of random particles, which recover a filter whose weights have fallen.
+    The result is AMCL's share of random particles, which recover a filter after its weights drop.
     """
     if weight > 0:
         for n in range(2):
@@ -108,7 +108,7 @@ def correct(
 ) -> bool:
     """Weigh the particles by the scan (beam, 2) at pose `n`, and resample every few updates.
 
-    It returns whether they were resampled, from which the filter's pose follows anew.
+    Return True if the particles were resampled, which updates the filter's pose.
     """
     state, weights = tracker.state, tracker.weights
     poses, new_poses = tracker.clouds[state[NOW]], tracker.clouds[1 - state[NOW]]
@@ -130,7 +130,7 @@ def correct(
         scores,
         lost,
     )
-    if lost > 0:  # as in AMCL, else more and more particles would be random
+    if lost > 0:  # as in AMCL; otherwise more and more particles would be random
         tracker.averages[0] = tracker.averages[1] = 0.0
     state[NOW], state[COUNT], state[BINS], state[AT] = 1 - state[NOW], count, bins, n
     weights[:count] = 1 / count
@@ -141,7 +141,7 @@ def correct(
 
 @njit(nogil=True, cache=True)
 def estimate_pose(tracker: FilterState, reported: Floats, n: int) -> tuple[float, float, float]:
-    """The filter's pose at pose `n`: since the last resampling it has followed odometry."""
+    """Return the filter's pose at pose `n`: the last resampled pose, moved by odometry since."""
     pose, at = tracker.pose, tracker.state[AT]
     cos, sin = np.cos(pose[2] - reported[at, 2]), np.sin(pose[2] - reported[at, 2])
     x, y = reported[n, 0] - reported[at, 0], reported[n, 1] - reported[at, 1]
@@ -156,7 +156,7 @@ def estimate_pose(tracker: FilterState, reported: Floats, n: int) -> tuple[float
 def write_cloud_covariance(tracker: FilterState, covariance: Floats) -> None:
     """Write the covariance of all particles, as AMCL publishes it, into `covariance` (3, 3).
 
-    That of the heading is its circular variance; it has no covariance with the position.
+    The heading has its circular variance, and no covariance with the position.
     """
     poses, count = tracker.clouds[tracker.state[NOW]], tracker.state[COUNT]
     x, y = poses[0, :count].mean(), poses[1, :count].mean()
@@ -175,7 +175,7 @@ def write_cloud_covariance(tracker: FilterState, covariance: Floats) -> None:
 
 
 class OdometryErrors(NamedTuple):
-    """Errors of odometry: standard deviations; drifts grow with the root of distance or turn."""
+    """Standard deviations of odometry errors; drifts grow with the root of distance or turn."""
 
     distance_drift: float  # [m / sqrt(m)]
     heading_drift: float  # [rad / sqrt(m)]
@@ -186,16 +186,16 @@ class OdometryErrors(NamedTuple):
 
 
 class World(NamedTuple):
-    """A world, which may differ from the filter's map, and the robot's poses in it."""
+    """World, which may differ from the filter's map, and the robot's poses in it."""
 
-    squares: Octets  # (4, H + 2, W + 2) as `rays.empty_squares` gives them
+    squares: Octets  # (4, H + 2, W + 2) from `rays.empty_squares`
     resolution: float  # edge of a cell [m]
-    poses: Floats  # (n, 3) row, column [cells] and heading [rad], as `truth` has them
+    poses: Floats  # (n, 3) row, column [cells] and heading [rad] of the true poses
 
 
 @njit(nogil=True, cache=True)
 def simulate_odometry(random: Random, truth: Floats, odometry: OdometryErrors) -> Floats:
-    """Reported odometry of a drive: poses (n, 3), the first one without error [m, m, rad]."""
+    """Return poses (n, 3) of simulated odometry; the first one has no error [m, m, rad]."""
     scale = 1 + odometry.distance_bias * random.standard_normal()
     bend = odometry.heading_bias * random.standard_normal()
     turn_scale = 1 + odometry.turn_bias * random.standard_normal()
@@ -231,25 +231,25 @@ def drive(
     settings: FilterSettings,
     errors: Floats,
 ) -> None:
-    """Drive once, and write the filter's error at every pose into `errors`.
+    """Simulate one drive, and write the filter's error at every pose into `errors`.
 
-    As in AMCL, the filter moves, weighs and resamples once odometry has come far enough, and in
-    between the pose follows odometry.
+    As in AMCL, the filter moves, weighs and resamples when odometry has moved far enough. In
+    between, the pose follows odometry.
 
     Parameters
     ----------
     random : numpy.random.Generator
         Source of all random numbers.
     truth : (n, 3) array
-        The poses driven through, in the own axes of the filter's map [m, m, rad].
+        True poses in the axes of the filter's map [m, m, rad].
     reported : (n, 3) array
-        Poses by odometry, in any frame of their own, as `odometry_along` gives them [m, m, rad].
+        Poses by odometry in any frame, as from `simulate_odometry` [m, m, rad].
     world : World
-        The world that is driven in, and the same poses there.
+        The world of the drive, and the true poses in it.
     scores : BeamScores
         Scores of beams on the filter's map.
     lidar, disturbances, start, settings
-        The lidar, what disturbs it, errors of the first pose, and the filter.
+        The lidar, its disturbances, errors of the first pose, and the filter's settings.
     errors : (n, 3) array
         Filled with the filter's pose minus the true one [m, m, rad].
     """
@@ -263,7 +263,7 @@ def drive(
             measure_ends(
                 random, world.squares, world.resolution, world.poses[n], lidar, disturbances, ends
             )
-            for b in range(len(ends)):  # the filter counts in cells of its own map
+            for b in range(len(ends)):  # the filter measures in cells of its map
                 ends[b, 0] *= finer
                 ends[b, 1] *= finer
             correct(random, tracker, scores, ends, n, settings)
@@ -291,17 +291,17 @@ def replay_filter(
     random : numpy.random.Generator
         Source of all random numbers.
     first : (3,) array
-        Pose that the filter begins about, in the map's own axes [m, m, rad].
+        Pose around which the filter starts, in the axes of the map [m, m, rad].
     reported : (n, 3) array
-        Poses by odometry at the scans, in any frame of their own [m, m, rad].
+        Poses by odometry at the scans, in any frame [m, m, rad].
     ends : (n, beam, 2) array
         Ends of the beams ahead and to the left of the robot [cells]; NaN without a return.
     scores, start, settings
         As for `drive`.
     poses : (n, 3) array
-        Filled with the filter's poses in the map's own axes [m, m, rad].
+        Filled with the filter's poses in the axes of the map [m, m, rad].
     covariances : (n, 3, 3) array
-        Filled with the covariance of the particles where they were resampled, else with NaN.
+        Filled with the covariance of the particles at resamplings, and with NaN elsewhere.
     """
     tracker = start_filter(random, first, start, settings)
     for n in range(len(reported)):

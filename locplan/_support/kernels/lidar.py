@@ -1,15 +1,15 @@
-"""A planar lidar on a robot: its scan on a map, what a real one measures, and what its beams tell.
+"""Planar lidar on a robot: ideal and simulated scans, and the information in their beams.
 
 Information is about the robot's pose. A beam of direction d meets a surface with the unit normal n
-at h, counted from the robot's own centre of rotation. When the robot moves by dp and turns by
-dtheta, the beam's end as it was measured departs from the surface, along the normal, by
+at h, measured from the robot's centre of rotation. When the robot moves by dp and turns by dtheta,
+the measured end of the beam departs from the surface, along the normal, by
 
-    n . dp + (h x n) dtheta,        h x n = h_x n_y - h_y n_x,
+    n . dp + (h x n) dtheta,        h x n = h_x n_y - h_y n_x.
 
-and the range changes by that over -(d . n), wherever on the robot the lidar is mounted (A. Censi,
-"On achievable accuracy for range-finder localization", ICRA 2007, doi 10.1109/ROBOT.2007.364120).
-The information is the sum of g g^T over the beams, g the gradient of one or the other, for a
-standard deviation of 1.
+The range changes by this departure over -(d . n), for any position of the lidar on the robot (A.
+Censi, "On achievable accuracy for range-finder localization", ICRA 2007, doi
+10.1109/ROBOT.2007.364120). The information is the sum of g g^T over the beams, for a standard
+deviation of 1. g is the gradient of the departure or of the range.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from locplan._support.kernels.rays import cast
 
 
 class LidarBeams(NamedTuple):
-    """A planar lidar, and its mount on the robot."""
+    """Planar lidar and its mount on the robot."""
 
-    angles: Floats  # (beam,) angles from the lidar's own axis [rad]
+    angles: Floats  # (beam,) angles from the lidar's axis [rad]
     forward: float  # distance ahead of the robot's centre of rotation [m]
-    left: float  # distance to the left of it [m]
+    left: float  # distance to the left of the centre [m]
     yaw: float  # angle of the lidar's axis against the robot's [rad]
     sigma: float  # standard deviation of a range [m]
     min_range: float  # nearer returns count as none [m]
@@ -37,10 +37,10 @@ class LidarBeams(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def lever(lidar: LidarBeams, heading: float, resolution: float) -> tuple[float, float]:
-    """Position of the lidar from the robot's centre, x (columns) and y (rows) [cells].
+    """Return the lidar's position from the robot's centre, x (columns) and y (rows) [cells].
 
-    It is rounded to a fraction of a cell, so that its sum with any cell's position is exact: a part
-    of a map then gives the same bits as the whole.
+    The position is rounded to a fraction of a cell, so that its sum with any cell's position is
+    exact. A part of a map then gives the same bits as the whole map.
     """
     fraction = 2.0**-20
     cos, sin = np.cos(heading), np.sin(heading)
@@ -61,8 +61,8 @@ def write_scan_ends(
 ) -> None:
     """Write the ends of the beams, x (columns) and y (rows) from the robot [cells], into `ends`.
 
-    A beam ends in the middle of its way through the cell that stops it, so that its end lies
-    inside that cell whatever the rounding. It is NaN without a return.
+    A beam ends at the middle of its line through the cell that stops it, so that rounding cannot
+    move the end out of that cell. The end is NaN without a return.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def write_scan_ends(
         Edge of a cell [m].
     row, col, heading : float
         The robot's pose on the grid [cells, cells, rad].
-    lidar : Lidar
+    lidar : LidarBeams
         Beams and mount of the lidar.
     ends : (beam, 2) array
         Filled with the ends of the beams.
@@ -100,7 +100,7 @@ def move_ends(
 ) -> None:
     """Move the ends of the beams outwards by ``noise[b, 0]`` [m] and ``noise[b, 1]`` of the range.
 
-    The arguments are those of `write_scan_ends`, which filled `ends`; `noise` is (beam, 2).
+    The arguments are the same as in `write_scan_ends`, which fills `ends`; `noise` is (beam, 2).
     """
     lever_x, lever_y = lever(lidar, heading, resolution)
     for b in range(lidar.angles.size):
@@ -116,8 +116,8 @@ class BeamDisturbances(NamedTuple):
     outliers: float  # share of the beams that end at a random distance within the range
     occlusion: float  # probability that an object occludes a part of a scan
     width: float  # angle that the object takes in the lidar's view [rad]
-    nearest: float  # least distance of the object from the lidar [m]
-    farthest: float  # greatest distance of the object from the lidar [m]
+    nearest: float  # minimum distance of the object from the lidar [m]
+    farthest: float  # maximum distance of the object from the lidar [m]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -132,8 +132,8 @@ def measure_ends(
 ) -> None:
     """Write the measured ends of beams, ahead and to the left of the robot [cells], into `ends`.
 
-    Ends are NaN without a return, and where less than the lidar's least range is measured. As many
-    random numbers are drawn whatever a scan meets.
+    Ends are NaN without a return, and for measured ranges below the lidar's minimum range. The
+    number of random draws is the same for every scan.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def compute_information(
     of_ranges: bool,
     control: Ints,
 ) -> Floats:
-    """Information about (x, y, theta) at each position and heading.
+    """Compute the information about (x, y, theta) at each position and heading.
 
     Parameters
     ----------
@@ -206,19 +206,19 @@ def compute_information(
     rows, cols : (n,) arrays of float
         Positions of the robot [cells]; a cell's centre ends in .5.
     headings : (m,) array of float
-        Headings of the robot [rad], from the columns' axis towards that of the rows.
-    lidar : Lidar
+        Headings of the robot [rad], from the columns' axis towards the rows' axis.
+    lidar : LidarBeams
         Beams and mount.
     of_ranges : bool
-        Whether a beam tells its range, or else its end's distance from the surface.
+        True to measure ranges; False to measure distances of the ends from the surface.
     control : (2,) or (1,) array of int64
         Shared with other threads: the first is set to stop early, the second, if any, counts the
-        positions done. Positions left out are NaN.
+        finished positions. The other positions are NaN.
 
     Returns
     -------
     (n, m, 3, 3) array of float64
-        Information in the grid's own axes, x along the columns and y along the rows
+        Information in the axes of the grid, x along the columns and y along the rows
         [1, m/rad, m^2/rad^2], for a standard deviation of 1 m; zero without any return.
     """
     result = np.full((rows.size, headings.size, 3, 3), np.nan)

@@ -1,15 +1,15 @@
-"""The likelihood field of a map, laid out so that neighbouring offsets of an endpoint are vectors.
+"""Likelihood field of a map, laid out so that adjacent offsets of an endpoint form vectors.
 
 A beam that ends at distance d from the nearest wall, from cell centre to cell centre, has the
 likelihood of AMCL's likelihood-field model, ``z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand`` with
-``z_hit = 1 - z_rand``. It is held as a *cost*, the loss of its logarithm against d = 0, in whole
-steps of which `TOP` are the cost of a beam that ends far from all walls.
+``z_hit = 1 - z_rand``. The field holds it as a *cost*: the loss of its logarithm against d = 0, in
+whole steps. A beam that ends far from all walls costs `TOP` steps.
 
-Unlike in AMCL, walls are hollow: an occupied cell with only occupied neighbours is no wall. Where
-a map paints unknown space black, endpoints could otherwise be pushed into a wall at no cost.
+Unlike in AMCL, walls are hollow: an occupied cell with only occupied neighbours is no wall.
+Otherwise, if a map paints unknown space black, endpoints could be pushed into a wall at no cost.
 
-The offsets of the search window lie in memory in vectors, too, and their costs become weights by
-two tables.
+The offsets of the search window form vectors in memory as well. Two tables turn their costs into
+weights.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ NOWHERE = np.uint32(1 << 31)
 
 
 class LikelihoodField(NamedTuple):
-    """Costs of the map and its surroundings, every `step`-th row and column together.
+    """Costs of the map and its surroundings, with every `step`-th row and column together.
 
-    The layout extends so far that endpoints beyond it are near no wall at any offset.
+    Endpoints beyond the layout are near no wall at any offset.
     """
 
     costs: Shorts  # (row mod step, col mod step, row div step, col div step), flat
@@ -51,14 +51,14 @@ class LikelihoodField(NamedTuple):
 
 
 def likelihood_reach(resolution: float, sigma_hit: float, z_rand: float) -> int:
-    """Distance from a wall up to which the cost may be less than `TOP` [cells]."""
+    """Return the distance from a wall below which the cost may be less than `TOP` [cells]."""
     # At this distance the likelihood is half a step of cost above z_rand.
     excess = z_rand * math.expm1(-math.log(z_rand) / TOP / 2) / (1 - z_rand)
     return math.ceil(sigma_hit * math.sqrt(-2 * math.log(excess)) / resolution)
 
 
 def costs_of_squared_distance(resolution: float, sigma_hit: float, z_rand: float) -> Shorts:
-    """Costs at a squared distance of 0, 1, ... cells^2; the last one is `TOP`."""
+    """Return the costs at squared distances of 0, 1, ... cells^2; the last one is `TOP`."""
     reach = likelihood_reach(resolution, sigma_hit, z_rand)
     squared = np.arange(reach**2 + 1) * resolution**2
     likelihood = (1 - z_rand) * np.exp(-squared / (2 * sigma_hit**2)) + z_rand
@@ -67,7 +67,7 @@ def costs_of_squared_distance(resolution: float, sigma_hit: float, z_rand: float
 
 @njit(nogil=True, cache=True)
 def distances_along_columns(walls: Octets, reach: int) -> Array:
-    """Number of rows to the nearest wall in the same column, at most ``reach + 1``.
+    """Return the number of rows to the nearest wall in the same column, at most ``reach + 1``.
 
     The result has `reach` more rows on either side of the map, (H + 2 reach, W).
     """
@@ -118,7 +118,7 @@ def write_cost_planes(
 
 
 class ScanLattice(NamedTuple):
-    """Offsets of the search window, and how the costs of all of them lie in memory."""
+    """Lattice of the search window: its offsets, and the memory layout of their costs."""
 
     half_steps: int
     cos: Floats  # (heading,)
@@ -126,7 +126,7 @@ class ScanLattice(NamedTuple):
     offsets: int  # number of offsets in x, and also in y
     width: int  # number of costs of the offsets in x, in whole vectors
     plane: int  # number of costs of a heading
-    empty: NDArray[np.uint32]  # (theta, dy, dx), flat: 0 at the offsets, else NOWHERE
+    empty: NDArray[np.uint32]  # (theta, dy, dx), flat: 0 at the offsets, NOWHERE between them
 
 
 class Weights(NamedTuple):
@@ -134,13 +134,13 @@ class Weights(NamedTuple):
 
     coarse: Floats  # at multiples of FINE
     fine: Floats  # at 0 .. FINE - 1
-    limit: int  # the greatest cost that they cover; beyond it weights are negligible
+    limit: int  # maximum cost in the tables; beyond it weights are negligible
     nats: float  # log-likelihood of one step of cost
 
 
 @njit(nogil=True, cache=True)
 def make_lattice(half_steps: int, angles: Floats) -> ScanLattice:
-    """The lattice of ``2 * half_steps + 1`` offsets along x and y, and headings [rad]."""
+    """Return the lattice of ``2 * half_steps + 1`` offsets along x and y, and headings [rad]."""
     offsets = 2 * half_steps + 1
     width = -(-offsets // SHORTS) * SHORTS
     # At least a row and a column without offsets separate costs that are no neighbours. An even
@@ -156,7 +156,7 @@ def make_lattice(half_steps: int, angles: Floats) -> ScanLattice:
 
 @njit(nogil=True, cache=True)
 def make_weights(nats: float, max_cost: int) -> Weights:
-    """Tables of weights for costs up to `max_cost`, or up to where weights are negligible."""
+    """Return tables of weights for costs up to `max_cost`, or until weights are negligible."""
     # Offsets whose log-probability is 30 nats below the greatest are left out.
     multiples = int(min(30.0 / nats, float(max_cost))) // FINE + 1
     coarse = np.exp(-nats * FINE * np.arange(multiples))

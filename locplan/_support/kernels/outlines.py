@@ -1,8 +1,9 @@
-"""The cells that an outline sweeps along poses, and whether any of them is occupied.
+"""Cells that an outline sweeps along poses, and collisions with occupied cells.
 
-Between two poses the position moves along a line, and the heading turns evenly. In parts of at most
-2 degrees, the hull of the outlines at both ends of a part holds all of it: they are grown by as
-much as a chord of their corners' arcs falls short. Poses are (col, row, heading) [cells, rad].
+Between two poses the position moves along a line, and the heading turns evenly. Each move is split
+into parts of at most 2 degrees. The hull of the outlines at both ends contains the part, because
+the outlines are grown by the sagitta of their corners' arcs. Poses are (col, row, heading) [cells,
+rad].
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ TOUCH = 1e-9
 
 
 class CollisionMap(NamedTuple):
-    """The outline, and the occupied cells that it must not meet."""
+    """Outline of the robot, and the occupied cells that it must not meet."""
 
-    sums: Ints  # see `sums_of`
-    outline: Floats  # (k, 2) corners [cells]; none for a circle, which the density has kept clear
+    sums: Ints  # see `sum_rows`
+    outline: Floats  # (k, 2) corners [cells]; none for a circle, which the density keeps clear
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_first_hit(sums: Ints, outline: Floats, poses: Floats) -> int:
-    """Index of the first move between poses on which the outline meets an occupied cell, or -1.
+    """Return the index of the first move in which the outline meets an occupied cell, or -1.
 
     Parameters
     ----------
     sums : (H, W + 1) array
-        Number of the occupied cells before each column of a row, see `sums_of`.
+        Number of the occupied cells before each column of a row, see `sum_rows`.
     outline : (k, 2) array
         Corners ahead and left of the centre [cells].
     poses : (n, 3) array
@@ -57,7 +58,7 @@ def find_first_hit(sums: Ints, outline: Floats, poses: Floats) -> int:
 
 @njit(nogil=True, cache=True)
 def sum_rows(occupied: Bools) -> Array:
-    """Number of the occupied cells before each column of a row, (H, W + 1)."""
+    """Return the number of occupied cells before each column of a row, (H, W + 1)."""
     rows, columns = occupied.shape
     sums = np.zeros((rows, columns + 1), np.int32)
     for row in range(rows):
@@ -68,7 +69,7 @@ def sum_rows(occupied: Bools) -> Array:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_swept_cells(outline: Floats, poses: Floats, reach: int) -> Array:
-    """Cells (2 reach + 1, 2 reach + 1) that the outline meets; the middle one is cell (0, 0)."""
+    """Return the cells (2 reach + 1, 2 reach + 1) that the outline meets, around cell (0, 0)."""
     met = np.zeros((2 * reach + 1, 2 * reach + 1), np.bool_)
     corners, hull = allocate_hull(outline)
     for n in range(len(poses) - 1):
@@ -84,7 +85,7 @@ def find_swept_cells(outline: Floats, poses: Floats, reach: int) -> Array:
 
 @njit(inline="always")
 def allocate_hull(outline: Floats) -> tuple[Array, Array]:
-    """Room for the corners of two outlines, and for their hull."""
+    """Return space for the corners of two outlines, and for their hull."""
     return np.empty((2 * len(outline), 2)), np.empty((4 * len(outline) + 2, 2))
 
 
@@ -92,7 +93,7 @@ def allocate_hull(outline: Floats) -> tuple[Array, Array]:
 def write_part_hull(
     corners: Array, hull: Array, outline: Floats, poses: Floats, n: int, part: int, parts: int
 ) -> tuple[int, int, int]:
-    """Write the hull of the outlines at both ends of a part; its size, first and last row."""
+    """Write the hull of the outlines at both ends of a part; return its size and row limits."""
     write_end_outlines(corners, outline, poses, n, part, parts)
     size = write_convex_hull(corners, hull)
     top, bottom = find_hull_rows(hull, size)
@@ -101,14 +102,14 @@ def write_part_hull(
 
 @njit(inline="always")
 def compute_turn(poses: Floats, n: int) -> float:
-    """Turn from one pose to the next, the shorter way [rad]."""
+    """Return the turn from one pose to the next, the shorter way [rad]."""
     turn = poses[n + 1, 2] - poses[n, 2] if n + 1 < len(poses) else 0.0
     return turn - 2 * math.pi * round(turn / (2 * math.pi))
 
 
 @njit(inline="always")
 def count_turn_parts(poses: Floats, n: int) -> int:
-    """Number of parts of a move."""
+    """Return the number of parts of a move."""
     return max(1, math.ceil(abs(compute_turn(poses, n)) / PART - 1e-9))
 
 
@@ -133,9 +134,9 @@ def write_end_outlines(
 
 @njit(nogil=True, cache=True)
 def write_convex_hull(points: Array, hull: Array) -> int:
-    """Write the convex hull's corners, counter-clockwise and the first again; their number.
+    """Write the convex hull's corners, counter-clockwise and closed; return their number.
 
-    This is Andrew's monotone chain; the points are sorted in place.
+    The algorithm is Andrew's monotone chain; the points are sorted in place.
     """
     count = len(points)
     for n in range(1, count):
@@ -161,13 +162,13 @@ def write_convex_hull(points: Array, hull: Array) -> int:
             hull[size, 0], hull[size, 1] = x, y
             size += 1
         if side == 0:
-            size -= 1  # the lower chain's end begins the upper one
+            size -= 1  # the last point of the lower chain is the first of the upper one
     return size
 
 
 @njit(nogil=True, cache=True)
 def find_hull_rows(hull: Array, size: int) -> tuple[int, int]:
-    """First and last row of cells that a hull meets."""
+    """Return the first and last row of cells that a hull meets."""
     low, high = hull[0, 1], hull[0, 1]
     for n in range(size):
         low, high = min(low, hull[n, 1]), max(high, hull[n, 1])
@@ -176,7 +177,7 @@ def find_hull_rows(hull: Array, size: int) -> tuple[int, int]:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_hull_columns(hull: Array, size: int, row: int) -> tuple[int, int]:
-    """First and last column of the cells in a row that a hull meets."""
+    """Return the first and last column of the cells in a row that a hull meets."""
     low, high = np.inf, -np.inf
     for n in range(size - 1):
         x0, y0, x1, y1 = hull[n, 0], hull[n, 1], hull[n + 1, 0], hull[n + 1, 1]

@@ -1,9 +1,9 @@
-"""A particle filter's steps as AMCL takes them: move, weigh, resample, find the heaviest cluster.
+"""Steps of a particle filter as in AMCL: move, weigh, resample, find the heaviest cluster.
 
 Source: nav2_amcl of Navigation2, which follows S. Thrun, W. Burgard and D. Fox, "Probabilistic
 Robotics" (2005): sample_motion_odometry, likelihood_field_range_finder_model, and KLD sampling.
 
-Poses are (x, y, heading) in the map's own axes, in metres along its columns and rows [m, m, rad];
+Poses are (x, y, heading) in the axes of the map, in metres along its columns and rows [m, m, rad];
 headings are not wrapped.
 """
 
@@ -25,7 +25,7 @@ EXTENT = 1 << 20
 
 @njit(nogil=True, cache=True)
 def build_guide(shares: Floats) -> Ints:
-    """Index of the first share above each of n + 1 equal steps from 0 to the last share."""
+    """Return the index of the first share above each of n + 1 equal steps up to the last."""
     count = len(shares)
     guide = np.full(count + 1, count - 1)
     step = 0
@@ -38,7 +38,7 @@ def build_guide(shares: Floats) -> Ints:
 
 @njit(nogil=True, cache=True)
 def find_first_above(value: float, shares: Floats, near: int) -> int:
-    """Index of the first share above a value, or the last index, found from an index nearby."""
+    """Return the index of the first share above a value, or the last; search from `near`."""
     at = near
     while at > 0 and shares[at - 1] > value:
         at -= 1
@@ -48,7 +48,7 @@ def find_first_above(value: float, shares: Floats, near: int) -> int:
 
 
 class FilterSettings(NamedTuple):
-    """AMCL's parameters by its own names, but for its motion model, which is a number here."""
+    """AMCL's parameters under the same names; a boolean replaces the name of the motion model."""
 
     alpha1: float
     alpha2: float
@@ -68,13 +68,13 @@ class FilterSettings(NamedTuple):
 
 
 class BeamScores(NamedTuple):
-    """Scores that a beam adds to a particle, by the cell in which it ends."""
+    """Scores that a beam adds to a particle, by the cell of the beam's end."""
 
-    values: Singles  # (H + 2) (W + 2), flat: the map in a ring for all outside of it
+    values: Singles  # (H + 2) (W + 2), flat: the map, in a ring that stands for everything outside
     rows: int  # including the ring
     cols: int
     resolution: float
-    product: bool  # whether scores are logarithms of factors
+    product: bool  # True if scores are logarithms of factors
     shift: float  # added to a position to find its cell: the ring, and half a cell as Nav2 [cells]
     free: Ints = np.empty(0, np.int64)  # flat indices of free cells, without the ring, for recovery
 
@@ -85,13 +85,13 @@ class Histogram(NamedTuple):
     bin_of: Ints  # (slots,) FREE or the bin; slots are a power of two
     keys: Ints  # (bins,)
     slots: Ints  # (bins,)
-    cluster: Ints  # (bins,) FREE or the cluster
-    of_particle: Ints  # (particles,) the bin of each
+    cluster: Ints  # (bins,) FREE, or the cluster
+    of_particle: Ints  # (particles,) the bin of each particle
 
 
 @njit(nogil=True, cache=True)
 def make_histogram(max_particles: int) -> Histogram:
-    """Empty histogram for at most `max_particles` particles."""
+    """Return an empty histogram for at most `max_particles` particles."""
     slots = 4
     while slots < 4 * max_particles:
         slots *= 2
@@ -106,7 +106,7 @@ def make_histogram(max_particles: int) -> Histogram:
 
 @njit(nogil=True, cache=True)
 def find_slot(histogram: Histogram, key: int) -> int:
-    """Slot of a bin in the hash table, or the free slot that it would get."""
+    """Return the slot of a bin in the hash table, or the free slot for a new bin."""
     mask = histogram.bin_of.size - 1
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     slot = int(np.int64(mixed >> np.uint64(32))) & mask
@@ -117,7 +117,7 @@ def find_slot(histogram: Histogram, key: int) -> int:
 
 @njit(nogil=True, cache=True)
 def compute_bin_key(x: float, y: float, heading: float) -> int:
-    """Key of the bin that contains a pose; bins are AMCL's, of 0.5 m and 10 degrees."""
+    """Return the key of a pose's bin; bins are AMCL's, of 0.5 m and 10 degrees."""
     i = int(np.floor(x / 0.5)) + EXTENT
     j = int(np.floor(y / 0.5)) + EXTENT
     k = int(np.floor(heading / (10 * np.pi / 180))) + EXTENT
@@ -126,7 +126,7 @@ def compute_bin_key(x: float, y: float, heading: float) -> int:
 
 @njit(nogil=True, cache=True)
 def clear_histogram(histogram: Histogram, bins: int) -> None:
-    """Empty a histogram that has `bins` bins."""
+    """Empty a histogram of `bins` bins."""
     for n in range(bins):
         histogram.bin_of[histogram.slots[n]] = FREE
 
@@ -135,7 +135,7 @@ def clear_histogram(histogram: Histogram, bins: int) -> None:
 def insert_particle(
     histogram: Histogram, bins: int, particle: int, x: float, y: float, heading: float
 ) -> int:
-    """Put a particle into its bin; return the number of bins after that."""
+    """Put a particle into its bin; return the new number of bins."""
     key = compute_bin_key(x, y, heading)
     slot = find_slot(histogram, key)
     if histogram.bin_of[slot] == FREE:
@@ -177,7 +177,7 @@ def find_clusters(histogram: Histogram, bins: int) -> int:
 def heaviest_cluster_mean(
     histogram: Histogram, bins: int, poses: Floats, count: int
 ) -> tuple[float, float, float]:
-    """Mean pose of the heaviest cluster: the one with most of the `count` equal particles."""
+    """Return the mean pose of the cluster with most of the `count` equal particles."""
     sums = np.zeros((find_clusters(histogram, bins), 5))
     for n in range(count):
         x, y, heading = poses[0, n], poses[1, n], poses[2, n]
@@ -193,7 +193,7 @@ def heaviest_cluster_mean(
 
 @njit(nogil=True, cache=True)
 def kld_sample_size(bins: int, settings: FilterSettings) -> int:
-    """KLD sample size: the number of particles for `bins` occupied bins (Fox, 2003)."""
+    """Return the KLD sample size: the number of particles for `bins` occupied bins (Fox, 2003)."""
     if bins <= 1:
         return settings.max_particles
     share = 2 / (9 * (bins - 1.0))
@@ -204,7 +204,7 @@ def kld_sample_size(bins: int, settings: FilterSettings) -> int:
 
 @njit(nogil=True, cache=True)
 def wrap_angle(angle: float) -> float:
-    """Angle wrapped into [-pi, pi) [rad]."""
+    """Return the angle wrapped into [-pi, pi) [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -219,10 +219,10 @@ def move_particles(
     heading: float,
     settings: FilterSettings,
 ) -> None:
-    """Move each of `count` particles of (3, n) by the reported odometry, with noise of its own.
+    """Move each of `count` particles of (3, n) by the reported odometry, with independent noise.
 
     The model is AMCL's differential or omnidirectional one. `dx`, `dy` [m] and `turn` [rad] are in
-    the axes of odometry, in which the robot's heading was `heading` [rad] before.
+    the axes of odometry; `heading` [rad] is the robot's heading before the move in these axes.
     """
     way = np.hypot(dx, dy)
     if settings.omnidirectional:
@@ -289,10 +289,10 @@ def add_scores(scores: BeamScores, ends: Floats, poses: Floats, count: int, sums
 def weigh_particles(
     scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats
 ) -> float:
-    """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
+    """Multiply the weights (n,) of the first `count` particles (3, n) by the scores of the beams.
 
-    The weights are scaled to add up to 1; if no particle fits, they become equal. Their mean before
-    that is returned.
+    The weights are then scaled to a sum of 1; if no particle fits, they become equal. Return their
+    mean before the scaling.
     """
     sums = np.empty(count)
     add_scores(scores, ends, poses, count, sums)
@@ -320,12 +320,12 @@ def resample(
 ) -> tuple[int, int]:
     """Draw particles by their weights into ``new_poses`` (3, n), up to the KLD sample size.
 
-    A share ``lost`` of them is drawn anywhere in the map's free cells instead.
+    A share ``lost`` of them is drawn from the map's free cells instead.
 
     Returns
     -------
     count, bins : int
-        Number of particles drawn, and of their bins, which replace those of the histogram.
+        Number of drawn particles, and of bins, which the histogram now holds.
     """
     clear_histogram(histogram, bins)
     shares = np.cumsum(weights[:count])

@@ -1,10 +1,9 @@
 """Posteriors of simulated scans over the search window: correlative scan matching, in vectors.
 
-The endpoints of a scan are turned about the robot by each heading, rounded to cells, and shifted
-by each offset; the sum of their costs (`likelihood`) is the loss of log-likelihood. Offsets are
-whole steps of the lattice, so that in a field that keeps every `step`-th column together the
-offsets in x of an endpoint lie side by side: one vector. Sums are of whole numbers and so do not
-depend on their order.
+For each heading, the endpoints of a scan are turned about the robot, rounded to cells, and shifted
+by each offset. The sum of their costs (`likelihood`) is the loss of log-likelihood. Offsets are
+whole steps of the lattice. The field keeps every `step`-th column together, so the offsets in x of
+an endpoint are adjacent: one vector. Sums are of whole numbers and thus independent of their order.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from locplan._support.kernels.simd import (
 )
 
 CONNECTED = 0.01
-"""Least share of the centre's probability of offsets that connect the central mode."""
+"""Minimum probability of an offset in the central mode, relative to the centre."""
 
 
 class LatticePosteriors(NamedTuple):
@@ -60,8 +59,8 @@ def score_scan(
 ) -> None:
     """Write the costs of a scan's endpoints at all offsets into ``costs`` (theta, dy, dx), flat.
 
-    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. Where
-    `costs` holds no offset, what is beyond `NOWHERE` has no meaning.
+    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. Entries of
+    `costs` between the offsets are at least `NOWHERE`; their exact values have no meaning.
     """
     for k in range(costs.size):
         costs[k] = lattice.empty[k]
@@ -120,11 +119,11 @@ def dilate(bits: Words, distance: int, guard: int, to: Words) -> None:
 def find_central_mode(
     lattice: ScanLattice, costs: NDArray[np.uint32], excess: float, bits: Words
 ) -> Array:
-    """Offsets of the central mode, one bit for each of `costs` in words of 64.
+    """Return the offsets of the central mode, one bit for each of `costs` in words of 64.
 
-    They are connected to the zero offset, each to any of 26 neighbours, and cost at most `excess`
-    more than it; the neighbours of all these belong to the mode, too, so that its tails do.
-    ``bits`` (4, words) is scratch space.
+    An offset belongs to the mode if it is connected to the zero offset through any of 26 neighbours
+    and costs at most `excess` more. All neighbours of these offsets belong to the mode as well,
+    which includes its tails. ``bits`` (4, words) is scratch space.
     """
     centre = (lattice.cos.size - 1) // 2 * lattice.plane + lattice.half_steps * (lattice.width + 1)
     limit = np.uint32(min(costs[centre] + excess, NOWHERE - 1.0))
@@ -159,8 +158,8 @@ def compute_moments(
 ) -> tuple[float, float]:
     """Write mean and covariance, in steps, into arrays; return entropy [nat] and ambiguity.
 
-    Moments are taken about the zero offset: its sums are exact where all weights are equal, and
-    nothing cancels where all others vanish.
+    Moments are taken about the zero offset: sums are exact if all weights are equal, and nothing
+    cancels if only one weight is positive.
     """
     rows, half_headings = lattice.plane // lattice.width, (lattice.cos.size - 1) // 2
     min_cost = costs.min()
@@ -239,7 +238,7 @@ def scan_posteriors(
     temperature: float,
     control: Ints,
 ) -> LatticePosteriors:
-    """Posteriors of the scans that are seen from n cells in m headings of the robot.
+    """Compute the posteriors of the scans at n cells in m headings of the robot.
 
     Parameters
     ----------
@@ -252,16 +251,16 @@ def scan_posteriors(
     rows, cols : (n,) arrays
         The robot's cells; it stands at their centres.
     headings : (m,) array
-        Headings of the robot, from the columns' axis towards that of the rows [rad].
-    lidar : Lidar
+        Headings of the robot, from the columns' axis towards the rows' axis [rad].
+    lidar : LidarBeams
         Beams and mount of the lidar.
     noise : (beam, 2) array
-        Distances by which the beams' ends are moved, see `lidar.move_ends`.
+        Noise of the beams' ends, see `lidar.move_ends`.
     temperature : float
         Factor on the log-likelihood.
     control : (2,) array
-        ``control[DONE]`` counts the cells as they are done; once another thread sets
-        ``control[STOP]`` the rest is NaN.
+        ``control[N_DONE]`` counts the finished cells. After another thread sets
+        ``control[STOP]``, the remaining cells are NaN.
     """
     shape = rows.size, headings.size
     result = LatticePosteriors(

@@ -1,8 +1,8 @@
 """Straight lines and rays through a grid, cell by cell (Amanatides and Woo, 1987).
 
-A ray passes empty space in leaps. For each of the four quadrants that it may head into, every cell
-knows the largest empty square that has the cell in its corner; the ray leaves that square by one
-of its two far sides, and goes on from the cell behind it. About six leaps reach the wall.
+A ray crosses empty space in leaps. For each of the four quadrants of directions, every cell stores
+the edge of the largest empty square with this cell in its corner. The ray leaves that square by one
+of its two far sides, and continues from the cell behind it. About six leaps reach the wall.
 
 Positions are continuous (row, col) in cells: cell (r, c) covers [r, r + 1) x [c, c + 1).
 """
@@ -20,13 +20,14 @@ TOUCH = 1e-6
 
 @njit(inline="always")
 def _first_cell(position: float, delta: float) -> int:
+    """Return the first cell of a line along one axis."""
     cell = int(np.floor(position))
     return cell - 1 if delta < 0 and cell == position else cell
 
 
 @njit(inline="always")
 def _crossing(position: float, cell: int, delta: float) -> float:
-    """The share of the line at which it leaves a cell along one axis."""
+    """Return the share of the line at which it leaves a cell along one axis."""
     if delta > 0:
         return (cell + 1 - position) / delta
     if delta < 0:
@@ -38,7 +39,7 @@ def _crossing(position: float, cell: int, delta: float) -> float:
 def _edge_offset(
     row_in_cell: float, col_in_cell: float, drow: float, dcol: float, columns: int
 ) -> int:
-    """Offset of the other cell where a line runs along the edge between two, else 0."""
+    """Return the offset of the second cell if a line runs along a cell's edge, otherwise 0."""
     offset = 0
     if drow == 0 and row_in_cell == 0:
         offset = -columns
@@ -57,10 +58,10 @@ def segment_cost(
     col1: float,
     corner_cutting: bool,
 ) -> float:
-    """Integral of a density along one line [density x cells]; infinite if it is blocked.
+    """Return the integral of a density along a line [density x cells]; infinite if it is blocked.
 
     `half` is flat and holds half the density (`locplan._support.kernels.search`). Unless corners
-    may be cut, a line is blocked, too, where it only touches a blocked cell.
+    may be cut, a line that touches a blocked cell is blocked.
     """
     drow, dcol = row1 - row0, col1 - col0
     length = np.hypot(drow, dcol)
@@ -102,10 +103,10 @@ def segment_cost(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cells_of_lines(begin: Floats, end: Floats) -> tuple[Array, Array, Array, Array]:
-    """Rows and columns of the cells that lines cross, lengths in them, and numbers of the lines.
+    """Return rows and columns of the cells that lines cross, lengths in cells, and line numbers.
 
-    Cells are in order of travel, one entry per visit. The length [cells] in a cell that is only
-    touched is added to the next cell.
+    Cells are in order of travel, one entry per visit. If a line only touches a cell, its length
+    [cells] there is added to the next cell.
 
     Parameters
     ----------
@@ -143,14 +144,14 @@ def cells_of_lines(begin: Floats, end: Floats) -> tuple[Array, Array, Array, Arr
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_crossed_cells(positions: Floats) -> tuple[Array, Array, Array]:
-    """Rows and columns of the cells that a polyline crosses, (n, 2), and its lengths in them."""
+    """Return rows and columns of the cells that a polyline (n, 2) crosses, and its lengths."""
     rows, cols, lengths, _ = cells_of_lines(positions[:-1], positions[1:])
     return rows, cols, lengths
 
 
 @njit(nogil=True, cache=True)
 def empty_squares(stops: Bools) -> Octets:
-    """Edge of the largest empty square that starts at each cell [cells].
+    """Return the edge of the largest empty square that starts at each cell [cells].
 
     Parameters
     ----------
@@ -187,6 +188,7 @@ def empty_squares(stops: Bools) -> Octets:
 @njit(inline="always")
 def _edge(squares: Octets, quadrant: int, row: int, col: int) -> int:
     # With unsigned indices numba need not check if they count from the end.
+    """Return the edge of a cell's square, which is 0 in the ring around the map."""
     return int(np.int64(squares[np.uintp(quadrant), np.uintp(row + 1), np.uintp(col + 1)]))
 
 
@@ -194,11 +196,12 @@ def _edge(squares: Octets, quadrant: int, row: int, col: int) -> int:
 def cast(
     squares: Octets, row: float, col: float, drow: float, dcol: float, max_range: float
 ) -> tuple[float, int, int]:
-    """Range of one ray [cells] and the cell (row, col) that stops it; inf, -1, -1 without a return.
+    """Return the range of a ray [cells] and the cell (row, col) that stops it; inf, -1, -1 if none.
 
-    The direction (drow, dcol) has length 1. A ray along the edge between two cells sees the upper
-    one; through a corner it passes one of the two cells beside it, so that no wall leaks. From
-    within a cell that stops rays the range is 0; from outside the map there is no return.
+    The direction (drow, dcol) has length 1. A ray along the edge between two cells passes through
+    the upper one. Through a corner, a ray passes one of the two adjacent cells, so that no wall
+    leaks. If the ray starts in a cell that stops rays, the range is 0; outside the map there is no
+    return.
     """
     rows, cols = squares.shape[1] - 2, squares.shape[2] - 2
     row0, col0 = _first_cell(row, drow), _first_cell(col, dcol)

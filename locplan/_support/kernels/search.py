@@ -1,16 +1,15 @@
 """Exact shortest paths on an 8-connected grid, with buckets instead of a heap.
 
-Dijkstra's algorithm and A* with circular buckets (Dial, 1969): each bucket is a range of costs.
-With buckets as narrow as the cheapest step, Dijkstra's cells in the lowest one are final and
-nothing has to be sorted. A* and wider buckets, which costs of a high contrast need, expand a cell
-anew where that lowers its cost; since a bucket's cells leave it in the order in which they came,
-few are: 0 to 3 % on maps, as many again on noise over nine magnitudes, and then, too, it is no
-slower than a heap.
+Dijkstra's algorithm and A* with circular buckets (Dial, 1969): each bucket is a range of costs. If
+buckets are as narrow as the cheapest step, Dijkstra's cells in the lowest one are final and need no
+sorting. A*, and wider buckets for costs of a high contrast, expand a cell again if that lowers its
+cost. Cells leave a bucket in order of arrival, so repeats are few: 0 to 3 % on maps. On noise over
+nine magnitudes as many cells are expanded again, still no slower than with a heap.
 
-The kernels work on a flat grid with a blocked border that holds half of each cell's density: a
-step costs its length times the sum of its two cells' halves. The arrays of a map's size are
-numpy's, which asks for huge pages, and the memory of the cells that come next is fetched ahead:
-far from the start a front of cells has outgrown the caches.
+The kernels work on a flat grid with a blocked border that holds half of each cell's density: a step
+costs its length times the sum of its two cells' halves. Arrays of a map's size come from numpy,
+which requests huge pages. The memory of the next cells is prefetched, because far from the start a
+front of cells exceeds the caches.
 """
 
 from __future__ import annotations
@@ -53,21 +52,21 @@ search for the least integral of u takes 1.3 times as long at 4000 x 4000 cells.
 
 
 class CostScale(NamedTuple):
-    """What a search needs to know of a map's costs."""
+    """Scale of a map's costs, which sets the width of a search's buckets."""
 
-    cheapest: float  # least density
-    costliest: float  # greatest density of a free cell
+    cheapest: float  # minimum density
+    costliest: float  # maximum density of a free cell
     mean: float  # mean density of the free cells
 
     @property
     def width(self) -> float:
-        """The width of a bucket [density x cells]."""
+        """Width of a bucket [density x cells]."""
         min_width = max(WIDTH_TO_MEAN * self.mean, WIDTH_TO_MAX * self.costliest)
         return max(self.cheapest, min_width) or 1.0
 
 
 def measure_costs(half: Floats) -> CostScale:
-    """The scale of the costs of a bordered grid."""
+    """Return the scale of the costs of a bordered grid."""
     cheapest, costliest, total, free = find_cost_range(half)
     return (
         CostScale(2 * cheapest, 2 * costliest, 2 * total / free)
@@ -78,7 +77,7 @@ def measure_costs(half: Floats) -> CostScale:
 
 @njit(nogil=True, cache=True)
 def find_cost_range(half: Floats) -> tuple[float, float, float, int]:
-    """Least, greatest and sum of the values of free cells, and the number of free cells."""
+    """Return minimum, maximum and sum of the values of free cells, and their number."""
     smallest, greatest, total, free = np.inf, 0.0, 0.0, 0
     for value in half:
         if value < np.inf:
@@ -89,7 +88,7 @@ def find_cost_range(half: Floats) -> tuple[float, float, float, int]:
 
 
 class BucketQueue(NamedTuple):
-    """The cells that wait to be expanded, in buckets."""
+    """Queue of the cells to expand, in buckets."""
 
     state: Ints
     """First entry free again, number of entries ever used, number that wait, lowest bucket,
@@ -101,7 +100,7 @@ class BucketQueue(NamedTuple):
 
 
 class SearchResult(NamedTuple):
-    """What a search found out."""
+    """Costs of a search, the number of its expansions, and whether it has finished."""
 
     cost: Floats
     """Cost from the start to each cell, flat [density x cells]: infinite where nothing was seen,
@@ -114,7 +113,7 @@ class SearchResult(NamedTuple):
 
 
 def make_bordered_half(density: Floats, border: int) -> Array:
-    """Half the density with a blocked border of `border` cells, flat."""
+    """Return half the density with a blocked border of `border` cells, flat."""
     rows, columns = density.shape
     half = np.full((rows + 2 * border, columns + 2 * border), np.inf)
     np.multiply(density, 0.5, out=half[border : border + rows, border : border + columns])
@@ -124,7 +123,7 @@ def make_bordered_half(density: Floats, border: int) -> Array:
 def shortest_costs(
     half: Floats, columns: int, start: int, goal: int, corner_cutting: bool
 ) -> Array:
-    """Cost from a cell to all others, flat [density x cells].
+    """Return the cost from a cell to every cell, flat [density x cells].
 
     Parameters
     ----------
@@ -133,10 +132,10 @@ def shortest_costs(
     columns : int
         Number of columns of the bordered grid.
     start, goal : int
-        Flat indices. With `goal` >= 0 the search ends once the goal's cost is final; other costs
-        are then upper bounds, infinite where nothing was seen.
+        Flat indices. With `goal` >= 0 the search ends when the goal's cost is final. The remaining
+        costs are then upper bounds, infinite for unseen cells.
     corner_cutting : bool
-        Whether a diagonal step may pass a blocked cell's corner.
+        True if a diagonal step may pass a blocked cell's corner.
     """
     cost = search_grid(half, columns, start, goal, corner_cutting, measure_costs(half)).cost
     return np.abs(cost, out=cost)
@@ -154,20 +153,20 @@ def search_grid(
     until: float = np.inf,
     check: Callable[[], None] | None = None,
 ) -> SearchResult:
-    """Search from a cell as `shortest_costs` does, and count the cells that are expanded.
+    """Search from a cell as `shortest_costs` does, and count the expanded cells.
 
     Parameters
     ----------
-    scale : Scale
-        The scale of `half`, see `scale_of`.
+    scale : CostScale
+        The scale of `half`, see `measure_costs`.
     guided : bool
-        True makes it A* with the octile distance to `goal` times the least density, which never
-        overestimates. All cells on cheapest paths are expanded, and the goal's cost and path are
-        those that Dijkstra's algorithm finds.
+        True for A* with the octile distance to `goal` times the minimum density, which never
+        overestimates. It expands all cells on cheapest paths, and finds the same cost and path
+        as Dijkstra's algorithm.
     until : float
         Time of `time.perf_counter` after which the search ends unfinished [s].
     check : callable, optional
-        Called now and then; what it raises ends the search.
+        Called regularly; an exception that it raises ends the search.
     """
     cost = np.full(half.size, np.inf)
     if half[start] == np.inf:
@@ -203,22 +202,22 @@ def search_grid(
 
 
 class SearchTerms(NamedTuple):
-    """What stays the same during a search."""
+    """Constants of a search."""
 
     columns: int  # of the bordered grid
     goal: int
     corner_cutting: bool
     per_cost: float  # buckets per cost
-    rate: float  # the least density for A*, 0 for Dijkstra's algorithm
+    rate: float  # the minimum density for A*, 0 for Dijkstra's algorithm
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def expand_cells(
     queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, expansions: int
 ) -> int:
-    """Continue a search until it has ended, is out of room, or has expanded so many cells.
+    """Continue a search until it has ended, is out of space, or has expanded so many cells.
 
-    `cost` is that of `Searched`.
+    `cost` is the array of `SearchResult`.
     """
     state, heads, batch = queue.state, queue.heads, queue.batch
     cells, following = queue.cells, queue.following
@@ -256,9 +255,10 @@ def expand_cells(
 def expand_batch(
     queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, cost_limit: float
 ) -> float:
-    """Expand the cells of the batch while there is room; return the cost at which to end.
+    """Expand the cells of the batch while there is space; return the cost at which to end.
 
-    That was `cost_limit`, and falls where the goal is reached. The others are those of `expand`.
+    The result is `cost_limit`, or less if the goal is reached. The other arguments are the same as
+    in `expand_cells`.
     """
     columns, goal, corner_cutting, per_cost, rate = terms
     # All arrays have local names: numba counts references to those that are passed on.
@@ -336,7 +336,7 @@ def expand_batch(
 
 @njit(inline="always")
 def octile(rows: int, columns: int, rate: float) -> float:
-    """Cost of the way to a cell so many rows and columns off where all cells cost `rate`."""
+    """Return the cost to a cell so many rows and columns away if all cells cost `rate`."""
     rows, columns = abs(rows), abs(columns)
     return rate * (max(rows, columns) + (SQRT2 - 1.0) * min(rows, columns))
 
@@ -345,7 +345,7 @@ def octile(rows: int, columns: int, rate: float) -> float:
 def put_into_bucket(
     cell: int, slot: int, heads: Array, cells: Array, following: Array, unused: int, used: int
 ) -> tuple[int, int]:
-    """Put a cell into a bucket, and return the first free entry and the number ever used."""
+    """Put a cell into a bucket; return the first free entry and the number of entries ever used."""
     node = unused
     if node >= 0:
         unused = following[node]

@@ -1,9 +1,9 @@
-"""Vectors of unsigned whole numbers for numba, and what the kernels do with them.
+"""Vectors of unsigned integers for numba, and the operations of the kernels on them.
 
-numba's loop vectoriser does not arrange a sparse list of template words with vertical offsets in
-the lanes. An `operation` here carries an LLVM vector as a numba value, so that the loop around it
-stays plain Python; LLVM lowers `ctpop` and the saturating sums to what the processor has (AVX-512,
-AVX2, NEON). So does its hint that memory will be read soon, `prefetch`.
+numba's loop vectorizer does not arrange a sparse list of template words with vertical offsets in
+the lanes. An `operation` here carries an LLVM vector as a numba value, so that the surrounding loop
+stays plain Python. LLVM lowers `ctpop` and the saturating sums to the processor's instructions
+(AVX-512, AVX2, NEON), as well as its hint that memory will be read soon, `prefetch`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Vector(types.Type):
 
 @register_model(Vector)
 class VectorModel(models.PrimitiveModel):
-    """How numba holds a vector: as LLVM does."""
+    """numba's memory model of a vector: the same as LLVM's."""
 
     def __init__(self, dmm: Any, fe_type: Any) -> None:
         super().__init__(dmm, fe_type, fe_type.llvm)
@@ -49,7 +49,7 @@ _WORD, _INDEX = types.uint64, types.intp
 
 
 def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Make a function for kernels of one that builds its code by LLVM's builder."""
+    """Return a decorator that makes a kernel function of a body which calls LLVM's builder."""
 
     def decorate(body: Callable[..., Any]) -> Any:
         @functools.wraps(body)
@@ -76,23 +76,25 @@ def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def _place(builder: Any, array: Any, index: Any, kind: Any) -> tuple[Any, int]:
-    """Pointer to what begins at an index of an array, and how it is aligned: as the array is."""
+    """Return the pointer to an index of an array, and the alignment of the array's items."""
     pointer = builder.bitcast(builder.gep(array, [index]), kind.as_pointer())
     return pointer, array.type.pointee.width // 8
 
 
 def _load(builder: Any, array: Any, index: Any, kind: Any) -> Any:
+    """Load a vector at an index of an array."""
     pointer, align = _place(builder, array, index, kind)
     return builder.load(pointer, align=align)
 
 
 def _store(builder: Any, value: Any, array: Any, index: Any) -> None:
+    """Store a vector at an index of an array."""
     pointer, align = _place(builder, array, index, value.type)
     builder.store(value, pointer, align=align)
 
 
 def _splat(builder: Any, value: Any, kind: Any) -> Any:
-    """A vector with one number in all lanes."""
+    """Return a vector with the same number in all lanes."""
     undefined = ir.Constant(kind, ir.Undefined)
     lane = builder.insert_element(undefined, value, ir.IntType(32)(0))
     first = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
@@ -100,7 +102,7 @@ def _splat(builder: Any, value: Any, kind: Any) -> Any:
 
 
 def _call(builder: Any, name: str, *values: Any) -> Any:
-    """LLVM's own function of a name, whose values are all of one kind."""
+    """Call an LLVM intrinsic whose arguments have the same type."""
     kind = values[0].type
     suffix = f"v{kind.count}i{kind.element.width}" if isinstance(kind, ir.VectorType) else kind
     function_type = ir.FunctionType(kind, [kind] * len(values))
@@ -109,17 +111,18 @@ def _call(builder: Any, name: str, *values: Any) -> Any:
 
 
 def _lanes(builder: Any, predicate: str, values: Any, limits: Any) -> Any:
-    """A word with a bit for each lane of `values` that is so to `limits`."""
+    """Return a word with a bit for each lane of `values` that fulfils the predicate."""
     lane_flags = builder.icmp_unsigned(predicate, values, limits)
     return builder.zext(builder.bitcast(lane_flags, ir.IntType(values.type.count)), ir.IntType(64))
 
 
 def _min(builder: Any, a: Any, b: Any) -> Any:
+    """Return the lane-by-lane minimum."""
     return builder.select(builder.icmp_unsigned("<", a, b), a, b)
 
 
 def _zeros(vector: Vector) -> Any:
-    """A function for a vector of zeros."""
+    """Return a function that makes a vector of zeros."""
 
     def zeros(builder: Any) -> Any:
         return ir.Constant(vector.llvm, [0] * vector.llvm.count)
@@ -132,7 +135,7 @@ zeros, zero_shorts, zero_octets = _zeros(_WORDS), _zeros(_SHORTS), _zeros(_OCTET
 
 @operation(_WORDS, _WORDS, _WORD, ARRAY, _INDEX)
 def add_matches(builder: Any, counts: Any, word: Any, words: Any, index: Any) -> Any:
-    """``counts + popcount(word & words[index : index + 8])``, lane by lane."""
+    """Return ``counts + popcount(word & words[index : index + 8])``, lane by lane."""
     common_bits = builder.and_(
         _splat(builder, word, _WORDS.llvm), _load(builder, words, index, _WORDS.llvm)
     )
@@ -141,19 +144,19 @@ def add_matches(builder: Any, counts: Any, word: Any, words: Any, index: Any) ->
 
 @operation(_WORDS, _WORDS, ARRAY, _INDEX, _INDEX)
 def add_difference(builder: Any, counts: Any, values: Any, index: Any, less: Any) -> Any:
-    """``counts + values[index : index + 8] - values[less : less + 8]`` of an array of int64."""
+    """Return ``counts + values[index : index + 8] - values[less : less + 8]`` for int64 values."""
     total = builder.add(counts, _load(builder, values, index, _WORDS.llvm))
     return builder.sub(total, _load(builder, values, less, _WORDS.llvm))
 
 
 @operation(types.void, _WORDS, ARRAY, _INDEX)
 def store_negative(builder: Any, a: Any, target: Any, index: Any) -> None:
-    """``target[index : index + 8] = -a`` for an array of int64."""
+    """Set ``target[index : index + 8] = -a`` in an array of int64."""
     _store(builder, builder.neg(a), target, index)
 
 
 def _make_adding(vector: Vector, bits: int) -> Any:
-    """A function that adds a vector to an array of numbers of so many bits."""
+    """Return a function that adds a vector to an array of numbers of so many bits."""
     wide = ir.VectorType(ir.IntType(bits), vector.llvm.count)
 
     def add_vector(builder: Any, target: Any, index: Any, total: Any) -> None:
@@ -173,23 +176,25 @@ add_octets_to = _make_adding(_OCTETS, 16)
 
 @operation(types.int64, _WORD)
 def popcount(builder: Any, word: Any) -> Any:
-    """Number of ones in a 64-bit word."""
+    """Return the number of ones in a 64-bit word."""
     return _call(builder, "ctpop", word)
 
 
 @operation(types.int64, _WORD)
 def lowest_bit(builder: Any, word: Any) -> Any:
-    """Number of the lowest bit that is set in a 64-bit word, which must not be 0."""
+    """Return the index of the lowest set bit in a 64-bit word, which must not be 0."""
     return builder.cttz(word, ir.IntType(1)(1))
 
 
 @operation(_WORD, ARRAY, _INDEX)
 def load_word(builder: Any, octets: Any, index: Any) -> Any:
-    """The 64-bit word at ``octets[index : index + 8]`` (any alignment) of an array of uint8."""
+    """Return the 64-bit word at ``octets[index : index + 8]`` (any alignment), from uint8."""
     return _load(builder, octets, index, ir.IntType(64))
 
 
 def _lanes_where(predicate: str, against: int) -> Any:
+    """Return a function that flags the lanes of bytes which fulfil a predicate."""
+
     def lanes(builder: Any, octets: Any, at: Any, flip: Any, masks: Any, first: Any) -> Any:
         words = _load(builder, octets, at, _WORDS.llvm)
         words = builder.xor(words, _splat(builder, flip, _WORDS.llvm))
@@ -208,16 +213,16 @@ full_lanes = _lanes_where("==", 2**64 - 1)
 
 @operation(_SHORTS, _SHORTS, ARRAY, _INDEX)
 def add_shorts(builder: Any, total: Any, values: Any, index: Any) -> Any:
-    """``total + values[index : index + 32]`` of an array of uint16, lane by lane."""
+    """Return ``total + values[index : index + 32]`` of an array of uint16, lane by lane."""
     return builder.add(total, _load(builder, values, index, _SHORTS.llvm))
 
 
 @operation(_SHORTS, _SHORTS, ARRAY, _INDEX, types.uint16, types.uint16)
 def add_distances(builder: Any, total: Any, counts: Any, index: Any, value: Any, shift: Any) -> Any:
-    """``total + (abs(counts[index : index + 32] - value) >> shift)``, lane by lane, saturating.
+    """Return ``total + (abs(counts[index : index + 32] - value) >> shift)``, saturating.
 
-    A sum that reaches `MAX_SHORT` stays there, so that "more than a limit" is right however much
-    is added.
+    A sum that reaches `MAX_SHORT` stays there, so that "more than a limit" remains right for any
+    number of terms.
     """
     array_values = _load(builder, counts, index, _SHORTS.llvm)
     reference = _splat(builder, value, _SHORTS.llvm)
@@ -231,16 +236,16 @@ def add_distances(builder: Any, total: Any, counts: Any, index: Any, value: Any,
 
 @operation(_WORD, _SHORTS, types.uint16)
 def flag_small_lanes(builder: Any, total: Any, limit: Any) -> Any:
-    """One bit for each lane of `total` that is at most `limit`."""
+    """Return one bit for each lane of `total` that is at most `limit`."""
     return _lanes(builder, "<=", total, _splat(builder, limit, _SHORTS.llvm))
 
 
 @operation(_OCTETS, _OCTETS, ARRAY, _INDEX, types.uint8, types.uint8)
 def add_gaps(builder: Any, total: Any, codes: Any, index: Any, code: Any, max_gap: Any) -> Any:
-    """``total + min(gap, most)``, the gaps from ``codes[index : index + 64]`` to one code.
+    """Return ``total + min(gap, max_gap)``, the gaps from ``codes[index : index + 64]`` to `code`.
 
-    Codes are counted modulo 256, so that a gap is the shorter way round. The caller sees to it
-    that no sum passes `MAX_OCTET`.
+    Codes are counted modulo 256, so that a gap is the shorter way round. The caller ensures that no
+    sum exceeds `MAX_OCTET`.
     """
     array_codes = _load(builder, codes, index, _OCTETS.llvm)
     reference = _splat(builder, code, _OCTETS.llvm)
@@ -249,6 +254,7 @@ def add_gaps(builder: Any, total: Any, codes: Any, index: Any, code: Any, max_ga
 
 
 def _make_comparing(predicate: str, bits: int, lanes: int) -> Any:
+    """Return a function that flags the lanes of an array which fulfil a predicate."""
     vector = ir.VectorType(ir.IntType(bits), lanes)
 
     def compare_lanes(builder: Any, values: Any, index: Any, limit: Any) -> Any:
@@ -268,7 +274,7 @@ array of uint16 below `limit`."""
 
 @operation(types.void, ARRAY, _INDEX)
 def prefetch(builder: Any, array: Any, index: Any) -> None:
-    """Ask for the line of memory that holds ``array[index]``; any index does no harm."""
+    """Prefetch the memory line of ``array[index]``; any index is safe."""
     byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
     function_type = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
     function = builder.module.declare_intrinsic("llvm.prefetch", [byte], function_type)

@@ -1,4 +1,4 @@
-"""How deep walls are; where beams of scans end on a map, and which of its cells they pass."""
+"""Depth of walls, and the cells that beams of scans pass and end in."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from locplan._support.kernels.rays import find_crossed_cells
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def list_passed_cells(origin: Floats, end: Floats, margin: float) -> tuple[Array, Array]:
-    """Cells that a beam passes up to a margin before its end; none where it is shorter.
+    """Return the cells that a beam passes up to a margin before its end; none for short beams.
 
     Parameters
     ----------
@@ -32,18 +32,18 @@ def list_passed_cells(origin: Floats, end: Floats, margin: float) -> tuple[Array
 
 @njit(nogil=True, cache=True)
 def count_scans(stops: Bools, origins: Floats, ends: Floats, margin: float) -> tuple[Array, Array]:
-    """Numbers of the scans that pass each cell, and that end in it, (H, W) each.
+    """Return the numbers of scans that pass each cell, and that end in it, (H, W) each.
 
     Parameters
     ----------
     stops : (H, W) array of bool
-        Cells through which no beam can pass: one that does is wrong from there on.
+        Cells that stop beams: a beam that passes through one is wrong from there on.
     origins : (n, 2) array
         Rows and columns of the lidar at the scans [cells].
     ends : (n, beams, 2) array
-        Those of the ends of the beams; NaN without a return.
+        Rows and columns of the beams' ends [cells]; NaN without a return.
     margin : float
-        Distance before its end from which on a beam does not pass a cell [cells].
+        Length before a beam's end in which it passes no cell [cells].
     """
     rows, cols = stops.shape
     passed, hit = np.zeros((rows, cols), np.int32), np.zeros((rows, cols), np.int32)
@@ -73,7 +73,7 @@ def count_scans(stops: Bools, origins: Floats, ends: Floats, margin: float) -> t
 
 @njit(nogil=True, cache=True)
 def surface_depths(cells: Octets, free: int, occupied: int, deep: int) -> tuple[int, int]:
-    """Number of faces between free and occupied cells, and of those with much black behind them.
+    """Return the number of faces between free and occupied cells, and of deep ones among them.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def surface_depths(cells: Octets, free: int, occupied: int, deep: int) -> tuple[
     free, occupied : int
         The levels.
     deep : int
-        Number of occupied cells in a row behind a face, its own included, that is much.
+        Number of consecutive occupied cells behind a deep face, including the face's cell.
     """
     rows, cols = cells.shape
     faces = deep_faces = 0

@@ -1,8 +1,8 @@
-"""What a search from a cell leaves behind in a byte a cell: the steps on cheapest ways to it.
+"""Cheapest paths from the steps that a search leaves behind, one byte a cell.
 
-Rounding sets paths of one cost apart, and which of them a planner takes depends on the end that it
-searches from. The bytes hold all steps that may be on the cheapest path by either search; among
-these few cells the costs from the start are summed up anew, as the planner's search does.
+Rounding makes paths of equal cost differ, and a planner's choice depends on the end that it
+searches from. The bytes hold all steps that may be on the cheapest path from either end. Among
+these few cells, the costs from the start are summed again in the order of the planner's search.
 
 Grids are flat with a blocked border and hold half of each cell's density, see
 `locplan._support.kernels.search`.
@@ -27,10 +27,10 @@ IN_PAGE = (1 << PAGE) - 1
 
 
 def compute_tolerance(cost: Floats, cheapest: float) -> float:
-    """Cost by which rounding may set the steps of cheapest paths apart, for `steps_back`.
+    """Return the rounding error of the costs of cheapest paths, for `find_backward_steps`.
 
-    Sums of so many steps of at least the cost `cheapest` are rounded by so much from either end.
-    It stays below half a step: then the steps that are kept always lead towards the start.
+    It bounds the rounding of sums of steps that cost at least `cheapest`, from either end. It stays
+    below half a step, so that the steps always lead towards the start.
     """
     greatest = greatest_cost(cost)
     rounding = 4 * 2.0**-53 * greatest / cheapest  # a sum errs by 2^-53 at most
@@ -39,7 +39,7 @@ def compute_tolerance(cost: Floats, cheapest: float) -> float:
 
 @njit(nogil=True, cache=True)
 def greatest_cost(cost: Floats) -> float:
-    """Greatest finite cost of a search, whose costs may be negative."""
+    """Return the maximum finite cost of a search, whose costs may be negative."""
     bits, infinity_bits = cost.view(np.int64), np.int64(0x7FF0000000000000)  # that of infinity
     greatest = np.zeros(1, np.int64)
     for k in range(bits.size):  # whole numbers are compared in vectors; they sort as the costs do
@@ -50,9 +50,9 @@ def greatest_cost(cost: Floats) -> float:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_backward_steps(half: Floats, columns: int, cost: Floats, tolerance: float) -> Array:
-    """Steps from each cell that cost at most `tolerance` more than a cheapest way to the start.
+    """Return the steps from each cell that lie on a cheapest path to the start, within `tolerance`.
 
-    `cost` is that of a finished search without a goal, in which no corner was cut. The result has
+    `cost` is the result of a finished search without a goal and without cut corners. The result has
     a bit for each of the eight steps, in the order of rows and columns.
     """
     steps = np.zeros(half.size, np.uint8)
@@ -86,9 +86,9 @@ def find_backward_steps(half: Floats, columns: int, cost: Floats, tolerance: flo
 
 @njit(nogil=True, cache=True)
 def trace_path(half: Floats, columns: int, cost: Floats, goal: int, corner_cutting: bool) -> Array:
-    """Cells from a search's start to `goal`; each is on the cheapest way to the next.
+    """Return the cells from a search's start to `goal`, each on the cheapest path to the next.
 
-    Of cells through which the way costs the same, the first one is taken.
+    Of several cells with the same cost, the path takes the first one.
     """
     corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
     cells = [goal]
@@ -106,7 +106,7 @@ def trace_path(half: Floats, columns: int, cost: Floats, goal: int, corner_cutti
 
 
 class PathCells(NamedTuple):
-    """The few cells on cheapest paths, numbered as they were found."""
+    """The few cells on cheapest paths, numbered in the order of discovery."""
 
     cells: Ints
     """The cells; the first one is the tip."""
@@ -120,11 +120,11 @@ class PathCells(NamedTuple):
 def trace_cheapest_path(
     half: Floats, columns: int, steps: Octets, root: int, tip: int, from_root: bool
 ) -> Array:
-    """Cells of the cheapest path between the cell that was searched from, `root`, and `tip`.
+    """Return the cells of the cheapest path between `root`, the start of the search, and `tip`.
 
-    It is bit by bit what a search from its first cell to its last one finds, and `trace` then
-    takes. It leads from `root` to `tip` if `from_root`, else from `tip` to `root`. `steps` are
-    those of `steps_back`, and lead from `tip` to `root`.
+    The result is identical to a search from its first cell to its last one, followed by
+    `trace_path`. It leads from `root` to `tip` if `from_root`, otherwise from `tip` to `root`.
+    `steps` are the result of `find_backward_steps`, and lead from `tip` to `root`.
     """
     path_cells, order = _find_path_cells(half.size, columns, steps, tip)
     start, goal = (root, tip) if from_root else (tip, root)
@@ -147,9 +147,9 @@ def trace_cheapest_path(
 
 @njit(nogil=True, cache=True)
 def _find_path_cells(size: int, columns: int, steps: Octets, tip: int) -> tuple[PathCells, Ints]:
-    """The cells that steps lead to from `tip`, and their places in an order.
+    """Return the cells that steps lead to from `tip`, and their indices in topological order.
 
-    Each comes after all those from which a step leads to it; the last is the root.
+    Each cell comes after all cells with a step to it; the last one is the root.
     """
     table, pages = np.zeros((size >> PAGE) + 1, np.int32), np.zeros(ROOM << PAGE, np.int32)
     # Number of steps to each cell that are not in the order yet.
@@ -202,7 +202,7 @@ def _sum_costs(
     start: int,
     from_root: bool,
 ) -> Floats:
-    """Costs from `start`, summed up in the order in which a search from there does."""
+    """Return the costs from `start`, summed in the order of a search from there."""
     # Sums of floats depend on their order: only so are they those of the planner's own search.
     used = order.size
     cost = np.empty(used)
@@ -229,6 +229,6 @@ def _sum_costs(
 
 @njit(inline="always")
 def find_place(path_cells: PathCells, cell: int) -> int:
-    """Place of a cell among those that were found, -1 if it is not."""
+    """Return the number of a cell on cheapest paths, -1 if it is not on one."""
     page = path_cells.table[cell >> PAGE]
     return int(path_cells.pages[(page << PAGE) + (cell & IN_PAGE)]) - 1

@@ -1,13 +1,13 @@
-"""What objects would tell a robot along its routes.
+"""Information that objects add to a robot's scans along its routes.
 
-A robot looks around at poses along its routes, by rays that are evenly spaced. Of each ray its
-hit is known: the range, the surface's normal n, and the turn h x n, h counted from the robot's
-centre, so that g = (n_x, n_y, h x n) is the gradient of the end's distance from the surface (as in
-`information`). An object changes the rays that meet it before what they hit, and no others: it
-adds g g^T of its own surface, and takes away that of what was hit. Far hits weigh less, since a
-filter's heading errs anew with every update, and a beam's end swings by that times its range.
+A robot scans at poses along its routes, with evenly spaced rays. The hit of each ray holds the
+range, the surface's normal n, and the turn h x n, with h measured from the robot's centre. Thus g =
+(n_x, n_y, h x n) is the gradient of the end's distance from the surface (see
+`locplan._support.kernels.lidar`). An object changes only the rays that meet it before their hit: it
+adds g g^T of its surface, and removes g g^T of the hit. Far hits weigh less: a filter's heading has
+a new error at every update, and a beam's end swings by this error times its range.
 
-Lengths are in metres, in the map's own axes: x along the columns, y along the rows.
+Lengths are in metres, in the axes of the map: x along the columns, y along the rows.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ XX, XY, YY, XT, YT, TT, HITS = 0, 1, 2, 3, 4, 5, 6
 
 
 class RouteRays(NamedTuple):
-    """The poses of the robot, and the rays at each."""
+    """The poses of the robot on its routes, and the rays at each pose."""
 
     poses: Floats  # (n, 2) the robot's centre [m]
-    levers: Floats  # (n, 2) the lidar from there [m]
+    levers: Floats  # (n, 2) the lidar from the robot's centre [m]
     first: Floats  # (n,) bearing of the first ray [rad]
     step: float  # from one ray to the next [rad]
     beams: int  # rays at a pose
-    all_round: bool  # whether the last ray has the first as its neighbour
+    all_round: bool  # True if the last ray is next to the first
     min_range: float  # nearer returns count as none [m]
-    max_range: float  # greatest range [m]
-    swing: float  # a beam of range r tells 1 / (1 + swing r^2) of what a short one does [1 / m^2]
+    max_range: float  # maximum range [m]
+    swing: float  # a beam of range r has the weight 1 / (1 + swing r^2) [1 / m^2]
 
 
 class MapSurfaces(NamedTuple):
-    """What rays meet on a map."""
+    """Surfaces of a map, for rays."""
 
-    squares: Octets  # (4, H + 2, W + 2) as `rays.empty_squares`
+    squares: Octets  # (4, H + 2, W + 2) see `rays.empty_squares`
     normals: Singles  # (H, W, 2) unit normals (row, col) of the cells that stop a ray
     resolution: float  # edge of a cell [m]
 
 
 class ObjectOutline(NamedTuple):
-    """Outline of the objects: half the extents [m], or the radius of a disc twice."""
+    """Outline of an object: half of its extents [m], or the radius of a disc twice."""
 
     half_length: float
     half_width: float
@@ -101,8 +101,8 @@ def find_entry(
 ) -> tuple[float, float, float]:
     """Return the range of an object at the origin along a ray from (x, y), and its normal.
 
-    The object's heading has this cosine and sine. The range is infinite where the ray misses it,
-    or begins within it.
+    `cos` and `sin` are of the object's heading. The range is infinite if the ray misses the object,
+    or starts inside it.
     """
     if outline.is_round:
         along = -(x * dx + y * dy)
@@ -138,7 +138,7 @@ def find_entry(
 def find_meeting_rays(
     rays: RouteRays, n: int, outline: ObjectOutline, x: float, y: float
 ) -> tuple[int, int]:
-    """First ray of a pose that may meet an object at (x, y), and how many follow it; or none."""
+    """Return the first ray of a pose that may meet an object at (x, y), and their number."""
     reach = outline.half_length
     if not outline.is_round:
         reach = np.hypot(outline.half_length, outline.half_width)
@@ -175,7 +175,7 @@ def add_object(
     heading: float,
     touched: Bools,
 ) -> None:
-    """Change the hits (n, beams, 4) as an object at (x, y) does, and mark the poses, (n,)."""
+    """Change the hits (n, beams, 4) by an object at (x, y), and mark the affected poses, (n,)."""
     cos, sin = np.cos(heading), np.sin(heading)
     for n in range(rays.first.size):
         begin, count = find_meeting_rays(rays, n, outline, x, y)
@@ -196,7 +196,7 @@ def add_object(
 
 @njit(inline="always")
 def _add_to_sums(sums: Floats, hit: Singles, sign: float, rays: RouteRays) -> None:
-    """Add a hit to the sums of a pose, or take it away."""
+    """Add a hit to the sums of a pose; subtract it if `sign` is -1."""
     if rays.min_range <= hit[RANGE] < np.inf:
         sign /= 1 + rays.swing * np.float64(hit[RANGE]) ** 2
         nx, ny = np.float64(hit[NORMAL_X]), np.float64(hit[NORMAL_Y])
@@ -211,7 +211,7 @@ def _add_to_sums(sums: Floats, hit: Singles, sign: float, rays: RouteRays) -> No
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def write_sums(hits: Singles, rays: RouteRays, touched: Bools, sums: Floats) -> None:
-    """Write the weighted sums of g g^T over the rays of touched poses, and the hits, (n, 7)."""
+    """Write the weighted sums of g g^T and the number of hits of touched poses, (n, 7)."""
     for n in range(hits.shape[0]):
         if not touched[n]:
             continue
@@ -225,7 +225,7 @@ def write_sums(hits: Singles, rays: RouteRays, touched: Bools, sums: Floats) -> 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def sum_hits(hits: Singles, rays: RouteRays) -> Floats:
-    """Weighted sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
+    """Return the weighted sums of g g^T and the number of hits of each pose, (n, 7)."""
     sums = np.zeros((hits.shape[0], 7))
     write_sums(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
     return sums
@@ -234,9 +234,9 @@ def sum_hits(hits: Singles, rays: RouteRays) -> Floats:
 class ObjectSightings(NamedTuple):
     """The poses that see each object, in order, and their rays that meet it."""
 
-    starts: Ints  # (m + 1,) where those of each object begin
+    starts: Ints  # (m + 1,) index of each object's first sighting
     poses: NDArray[np.int32]  # (k,) the pose
-    rays: NDArray[np.int16]  # (k, 2) the first ray and how many follow it, itself counted
+    rays: NDArray[np.int16]  # (k, 2) the first ray and the number of rays
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -249,7 +249,7 @@ def find_seeing_rays(
     y: float,
     heading: float,
 ) -> tuple[int, int]:
-    """First ray of a pose that an object at (x, y) shortens, and how many up to the last; or 0."""
+    """Return the first ray that an object at (x, y) shortens, and the number to the last; or 0."""
     begin, count = find_meeting_rays(rays, n, outline, x, y)
     from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     cos, sin = np.cos(heading), np.sin(heading)
@@ -277,10 +277,10 @@ def find_sightings(
     sightings: ObjectSightings,
     counts: Ints,
 ) -> None:
-    """Fill how many poses see each candidate x, y, heading from `begin` to `end`, (m,).
+    """Count the poses that see each candidate (x, y, heading) from `begin` to `end`, (m,).
 
-    Sightings that have room are filled, too. They are found twice, since as many as there are may
-    not fit the memory.
+    If `sightings` has space, they are written as well. Counting comes first, since all of them may
+    not fit into memory.
     """
     has_room = sightings.poses.size > 0
     for m in range(begin, end):
@@ -297,10 +297,10 @@ def find_sightings(
 
 
 class LandmarkScene(NamedTuple):
-    """What stands already, and the outline of the objects that may come."""
+    """Hits on the map and its objects, and the outline of further objects."""
 
     hits: Singles  # (n, beams, 4) on the map and the objects
-    sums: Floats  # (n, 7), what `sums_of` makes of them
+    sums: Floats  # (n, 7), see `sum_hits`
     rays: RouteRays
     outline: ObjectOutline
 
@@ -309,10 +309,11 @@ class LandmarkScene(NamedTuple):
 def write_object_sums(
     scene: LandmarkScene, n: int, place: Numbers, begin: int, count: int, changed: Floats
 ) -> bool:
-    """Write a pose's sums with an object at a place into `changed` (7,); False if they stay.
+    """Write a pose's sums with one more object into `changed` (7,); False if nothing changes.
 
-    The place is (x, y, heading); `count` rays from `begin` on may meet it, see `meeting`. The
-    number of hits stays in any case: it is that on the map without objects.
+    `place` is (x, y, heading). `count` rays from `begin` on may meet the object, see
+    `find_meeting_rays`. The number of hits never changes: it counts hits on the map without
+    objects.
     """
     hits, sums, rays, outline = scene
     x, y, heading = place

@@ -1,8 +1,8 @@
-"""How uncertain a robot is along routes, with each of many objects besides.
+"""Uncertainty of a robot along routes, with each of many candidate objects.
 
 A covariance P (6,) is [xx, xy, yy, xt, yt, tt]. Along a route it becomes F P F^T + Q ds between two
-looks around, and at each (P^-1 + I)^-1; see `locplan.advice.kernels.landmarks` for the sums that
-make I.
+scans, and (P^-1 + I)^-1 at each scan. `locplan.advice.kernels.landmarks` computes the sums that
+make up I.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from locplan.advice.kernels.landmarks import (
 
 
 class BeamSensing(NamedTuple):
-    """How the sum over the rays becomes information: share * sum / (1 + other * hits).
+    """Conversion of the sum over the rays to information: share * sum / (1 + coefficient * hits).
 
-    The hits are those on the map without objects: if those on objects counted, a search would
-    rather hide objects from each other than see them well.
+    The hits are on the map without objects. If hits on objects counted, a search would prefer to
+    hide objects behind objects.
     """
 
     share: float  # [1 / m^2]
-    hit_coefficient: float  # how far each further hit lessens the information of one
+    hit_coefficient: float  # reduction of a hit's information by each further hit
 
 
 class MotionNoise(NamedTuple):
-    """Variances of the motion model per metre, and those at the start."""
+    """Variances of the motion model per metre, and at the start."""
 
     along: float  # [m^2 / m]
     across: float  # [m^2 / m]
@@ -50,7 +50,7 @@ class MotionNoise(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def update_covariance(p: Floats, sums: Floats, sensing: BeamSensing) -> None:
-    """Turn a covariance P (6,) [xx, xy, yy, xt, yt, tt] into (P^-1 + I)^-1, I of the sums (7,)."""
+    """Turn a covariance P (6,) into (P^-1 + I)^-1, with I from the sums (7,)."""
     share = sensing.share / (1 + sensing.hit_coefficient * max(sums[HITS], 0.0))
     _invert(p)
     for k in range(6):
@@ -95,9 +95,9 @@ def move_covariance(p: Floats, dx: float, dy: float, motion: MotionNoise) -> Non
 def compute_route_covariances(
     sums: Floats, poses: Floats, routes: Ints, sensing: BeamSensing, motion: MotionNoise
 ) -> tuple[Floats, Floats]:
-    """Covariances (n, 6) before and after each look around, along routes.
+    """Return the covariances (n, 6) before and after each scan along routes.
 
-    `routes` (r + 1,) are the indices at which the routes begin, and the number of all poses.
+    `routes` (r + 1,) holds the index of each route's first pose, and the number of all poses.
     """
     before, after = np.zeros((len(sums), 6)), np.zeros((len(sums), 6))
     p = np.zeros(6)
@@ -118,7 +118,7 @@ def compute_route_covariances(
 
 @njit(inline="always")
 def _is_forgotten(p: Floats, other: Floats) -> bool:
-    """Whether an object that is out of sight no longer matters."""
+    """True if an object that is out of sight no longer matters."""
     share = 1e-6  # by which a variance may differ from what it was
     is_close = abs(p[XX] - other[XX]) <= share * other[XX]
     is_close &= abs(p[YY] - other[YY]) <= share * other[YY]
@@ -127,6 +127,7 @@ def _is_forgotten(p: Floats, other: Floats) -> bool:
 
 @njit(inline="always")
 def _set_start_covariance(p: Floats, motion: MotionNoise) -> None:
+    """Set a covariance to its value at the start of a route."""
     for k in range(6):
         p[k] = 0.0
     p[XX] = p[YY] = motion.start
@@ -143,18 +144,18 @@ def compute_uncertainties(
     sensing: BeamSensing,
     motion: MotionNoise,
 ) -> Floats:
-    """Mean of P_xx + P_yy over all poses with each of some candidates besides, (m,) [m^2].
+    """Return the mean of P_xx + P_yy over all poses with each of some candidates, (m,) [m^2].
 
     Parameters
     ----------
     candidates : (c, 3) array
-        x, y and heading of all [m, m, rad].
+        x, y and heading of all candidates [m, m, rad].
     indices : (m,) array
-        The candidates that are asked for.
-    sightings : Sightings
-        The poses that see each of all candidates.
-    scene : Scene
-        What stands already, the poses with their rays, and the object.
+        Indices of the candidates to evaluate.
+    sightings : ObjectSightings
+        The poses that see each candidate.
+    scene : LandmarkScene
+        The hits on the map and earlier objects, the poses with their rays, and the object.
     routes, sensing, motion
         See `compute_route_covariances`.
     """
@@ -189,10 +190,10 @@ def _sum_variances(
     models: tuple[BeamSensing, MotionNoise],
     base_covariances: tuple[Floats, Floats],
 ) -> float:
-    """Sum `value` of P_xx + P_yy over all poses, with an object besides that is seen in a stretch.
+    """Return the sum `value` of P_xx + P_yy over all poses, updated for an object at `place`.
 
-    Covariances are followed only from a pose that sees the object to where it is forgotten; those
-    `base_covariances`, before and after each look, are without it.
+    `stretch` is the range of the object's sightings. Covariances are followed from each pose that
+    sees the object until they agree with `base_covariances`, before and after each scan without it.
     """
     sensing, motion = models
     before, after = base_covariances
@@ -200,7 +201,7 @@ def _sum_variances(
     changed, p = np.empty(7), np.empty(6)
     k, stop = stretch
     r = n = 0
-    differs = False  # whether the covariance before pose n is another one
+    differs = False  # True if the covariance before pose n has changed
     while k < stop or differs:
         if not differs:
             n = sightings.poses[k]
