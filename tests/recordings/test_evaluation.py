@@ -117,7 +117,7 @@ def test_a_corridor_is_uncertain_along_its_axis():
 
 
 def test_fields_predict_what_the_scans_of_a_drive_say(found):
-    assert found.compared.sum() > 50
+    assert found.is_compared.sum() > 50
     for name in ("fisher", "scan", "fused"):
         each = found.agreements[name]
         assert each.rank.spearman.value > 0.5
@@ -168,7 +168,7 @@ def test_returns_that_scatter_about_walls_are_no_people(office, drive):
 def test_intervals_are_over_stretches_of_the_drive(found):
     """Each scan ten times tells no more than once, and a short drive has no interval."""
     matches = found.matches
-    some = np.flatnonzero(found.compared)
+    some = np.flatnonzero(found.is_compared)
     many = np.repeat(some, 10)
     repeated = dataclasses.replace(
         found,
@@ -184,7 +184,7 @@ def test_intervals_are_over_stretches_of_the_drive(found):
                     "ambiguity",
                     "entropy",
                     "score",
-                    "returns",
+                    "n_returns",
                 )
             },
         ),

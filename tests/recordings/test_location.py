@@ -328,11 +328,11 @@ def located(office):
 def test_a_drive_is_located_scan_by_scan(located, office):
     drive = located.recording
     assert len(located) == len(drive)
-    assert located.right[located.certain].mean() > 0.9
+    assert located.is_right[located.is_certain].mean() > 0.9
     alone = locate(office, drive[3:4])
     assert alone.best.pose == located.locations[3].best.pose
     assert "located within 0.3 m and 3° of the recorded pose" in located.sentence
-    assert located.summary()["right"] == located.right.mean()
+    assert located.summary()["right"] == located.is_right.mean()
 
 
 def test_threads_change_nothing(located, office):
@@ -356,7 +356,7 @@ def test_poses_of_another_frame_are_noticed(located, office):
 
 
 def test_scans_that_end_at_no_walls_are_noticed(located):
-    strange = [replace(each, explained=0.3, second=0.0) for each in located.locations]
+    strange = [replace(each, explained_share=0.3, second_excess=0.0) for each in located.locations]
     found = replace(located, locations=tuple(strange))
     assert f"only 0 of {len(located)} scans have most of their returns at walls" in found.sentence
     assert located.fits.mean() > 0.5
@@ -373,12 +373,12 @@ def test_the_table_has_the_place_and_the_recorded_pose_of_each_scan(located):
     best = located.locations[1].best
     assert [second[name] for name in ("x", "y", "heading")] == list(best.pose)
     assert second["heading_std"] == best.heading_std
-    assert second["second"] == located.locations[1].second or math.isinf(
-        located.locations[1].second
+    assert second["second"] == located.locations[1].second_excess or math.isinf(
+        located.locations[1].second_excess
     )
     assert second["turn"] == located.turn[1]
     assert second["time"] == times[1] - times[0]
-    assert located.summary()["median_turn"] == np.median(located.turn[located.right])
+    assert located.summary()["median_turn"] == np.median(located.turn[located.is_right])
 
 
 def test_the_modes_of_a_scan_have_their_covariance(located):

@@ -177,10 +177,12 @@ def test_consistency_is_that_of_the_squares(replayed):
     at = replayed.is_updated
     errors, covariances = replayed.errors[:, at, :2], replayed.covariances[:, at, :2, :2]
     squares = np.einsum("rni,rnij,rnj->rn", errors, np.linalg.inv(covariances), errors)
-    assert replayed.squares[:, at] == pytest.approx(squares, rel=1e-3)
+    assert replayed.nees[:, at] == pytest.approx(squares, rel=1e-3)
     found = replayed.consistency
-    assert found.within.value == pytest.approx((squares < -2 * math.log(0.05)).mean())
-    assert found.wider == pytest.approx(math.sqrt(np.median(squares) / (2 * math.log(2))), rel=1e-3)
+    assert found.share_within.value == pytest.approx((squares < -2 * math.log(0.05)).mean())
+    assert found.ellipse_factor == pytest.approx(
+        math.sqrt(np.median(squares) / (2 * math.log(2))), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -318,7 +320,7 @@ def test_recording_is_replayed_on_one_map(files, monkeypatch, capsys):
     maps[1].write_text(maps[0].read_text())
     code, _, err = run(monkeypatch, capsys, "simulate", *maps, "--recording", files / "drive.npz")
     assert code == 2
-    assert "a recording is of one map: name one of these 2" in err
+    assert "a recording needs one map; name one of these 2" in err
 
 
 def test_a_drive_is_replayed_twenty_times_by_default(files, monkeypatch, capsys, coarse_fit):

@@ -546,7 +546,7 @@ def test_the_report_names_what_is_not_to_be_trusted_and_how_odometry_errs(found)
     assert "bend by 0.57 deg/m to the left" in text
     doubts[:52:2] = 1
     many = replace(found, doubts=doubts)
-    assert f"and {len(many.stretches) - 20} more" in many.report()
+    assert f"and {len(many.doubtful_stretches) - 20} more" in many.report()
     none = replace(found, doubts=np.ones_like(doubts), odometry=model).report()
     assert "odometry reports" not in " ".join(none.split())  # what nothing trusted tells of it
 

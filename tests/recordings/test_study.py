@@ -140,7 +140,7 @@ def test_recording_replaces_files_by_force_alone(run, files):
         (("--range-limits=1",), "--range-limits must be 2 numbers"),
         (("--range-limits=3,2",), "--range-limits must be a least and a greatest"),
         (("--pose-topic=/pose",), "--pose-topic is for bags"),
-        (("--start=1,2",), "--start needs a heading: X,Y,DEG"),
+        (("--start=1,2",), "--start needs a heading; write X,Y,DEG"),
         (("--start=nan,0,0",), "X,Y,DEG with a heading in degrees"),
         (("--start=1,2,0",), "--start has no effect without a map"),
         (("--lidar=tim571",), "--lidar has no effect with --recording"),
@@ -199,17 +199,21 @@ def test_other_commands_point_to_options_of_recording(run, files):
     [
         ({}, "Sound"),
         ({"stamps_back": 3}, "Usable: 1 fault"),
-        ({"stamps_back": 3, "jumps": 2}, "Not sound: 2 faults"),
+        ({"stamps_back": 3, "n_jumps": 2}, "Not sound: 2 faults"),
     ],
 )
 def test_report_counts_faults_in_first_line(drive, faults, answer):
     sound = dataclasses.replace(
-        find_recording_faults(drive), places=(), jumps=0, wrong_signs=(), reversed_steps=0
+        find_recording_faults(drive),
+        disagreements=(),
+        n_jumps=0,
+        wrong_signs=(),
+        n_reversed_steps=0,
     )
     studied = study_recording(drive)
     report = dataclasses.replace(studied, faults=dataclasses.replace(sound, **faults)).report()
     assert report.startswith(answer)
-    assert ("alphas 0.05" in report) == ("jumps" in faults)
+    assert ("alphas 0.05" in report) == ("n_jumps" in faults)
 
 
 def test_report_ends_map_fault_before_its_places(drive):
