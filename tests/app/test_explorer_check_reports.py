@@ -113,9 +113,9 @@ def test_recommended_path_of_report_is_shown(checked, tmp_path):
 @pytest.mark.parametrize(
     ("damage", "fault"),
     [
-        (lambda folder: (folder / "check.json").unlink(), "has no check.json; name the folder"),
-        (lambda folder: (folder / "run.yaml").unlink(), "has no run.yaml; name the folder"),
-        (lambda folder: (folder / "check.json").write_text("[1]"), "is damaged, or of another"),
+        (lambda folder: (folder / "check.json").unlink(), "has no check.json; name a folder"),
+        (lambda folder: (folder / "run.yaml").unlink(), "has no run.yaml; name a folder"),
+        (lambda folder: (folder / "check.json").write_text("[1]"), "is damaged or from another"),
         (lambda folder: (folder / "check.json").write_text('{"robot": {}}'), "is damaged"),
         (lambda folder: (folder / "run.yaml").write_text("kind: robot"), "is damaged"),
         (lambda folder: (folder.parent / "blocks.yaml").unlink(), "there is no such file"),
@@ -135,8 +135,8 @@ def test_bad_report_is_refused_in_one_line(checked, tmp_path, run, damage, fault
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
-        (("lab.yaml", "--check", "report"), "--check names the map itself"),
-        ((), "name a map, or with --check the folder"),
+        (("lab.yaml", "--check", "report"), "a map and --check exclude each other"),
+        ((), "name a map, or pass the folder"),
         (("--check", "report", "--lidar", "lds-01"), "--lidar has no effect with --check"),
         (("--check", "nowhere"), "nowhere: has no check.json"),
     ],

@@ -98,8 +98,8 @@ def test_an_interrupt_ends_what_does_not_listen(tmp_path, work):
 def test_temporary_files_of_a_killed_process_are_removed(tmp_path):
     (tmp_path / "kept.txt").write_text("before")
     code = """
-from locplan._support.output import replacing, temporary_folder
-with replacing("kept.txt") as file, replacing("new.txt"), temporary_folder() as folder:
+from locplan._support.output import replace_file, temporary_folder
+with replace_file("kept.txt") as file, replace_file("new.txt"), temporary_folder() as folder:
     file.write_text("half")
     (folder / "part").write_text("half")
     stuck()
@@ -164,8 +164,8 @@ def test_existing_folders_are_those_with_a_whole_name(tmp_path):
 
 def test_the_next_run_removes_what_is_left_if_nobody_outlives_the_process(tmp_path):
     code = """
-from locplan._support.output import replacing, temporary_folder
-with replacing("new.txt") as file, temporary_folder():
+from locplan._support.output import replace_file, temporary_folder
+with replace_file("new.txt") as file, temporary_folder():
     file.write_text("half")
     stuck()
 """

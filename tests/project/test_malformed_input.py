@@ -187,7 +187,7 @@ def test_commands_take_maps_whose_names_are_no_utf_8(run, tmp_path, monkeypatch,
     ("name", "text", "fault"),
     [
         ("a.map", "type octile\nheight 1\nwidth 1\nmap\n" + "\U0001f9ed." + "\n..\n", None),
-        ("a.map", "type octile\nheight 1\nwidth 1\nmap\n...\n..\n", "one length"),
+        ("a.map", "type octile\nheight 1\nwidth 1\nmap\n...\n..\n", "the same length"),
         ("a.map", "map", "is no MovingAI map"),
         ("a.map", "\0", "is no MovingAI map"),
     ],
