@@ -53,12 +53,12 @@ def read_movingai_map(path: str | os.PathLike[str], resolution: float = 1.0) -> 
     Raises
     ------
     LocplanError
-        If the file cannot be read, or is no MovingAI map.
+        If the file cannot be read, or is not a MovingAI map.
     """
     path = check_file_path("a map file", path)
     lines = read_text(path).splitlines()
     if "map" not in lines or not lines[0].startswith("type"):
-        raise MapError(f"{path}: is no MovingAI map; its first line must be 'type octile'")
+        raise MapError(f"{path}: is not a MovingAI map; its first line must be 'type octile'")
     rows = [row for row in lines[lines.index("map") + 1 :] if row]
     if len({len(row) for row in rows}) != 1:
         raise MapError(f"{path}: its rows must all have the same length; download it again")
@@ -93,7 +93,9 @@ def read_scenarios(
     path = check_file_path("a file of scenarios", path)
     lines = read_text(path).splitlines()
     if not lines or not lines[0].startswith("version"):
-        raise LocplanError(f"{path}: is no MovingAI scenario; its first line must be 'version 1'")
+        raise LocplanError(
+            f"{path}: is not a MovingAI scenario; its first line must be 'version 1'"
+        )
     queries = [
         _parse_scenario(path, number, line, grid)
         for number, line in enumerate(lines[1:], 2)
@@ -109,16 +111,16 @@ def _parse_scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> 
     try:
         cols, rows, start_col, start_row, goal_col, goal_row = map(int, fields[-7:-1])
     except ValueError:
-        raise LocplanError(f"{path}: line {number}: is no scenario: {short_repr(line)}") from None
+        raise LocplanError(f"{path}: line {number} is not a scenario: {short_repr(line)}") from None
     if (rows, cols) != grid.shape:
         raise LocplanError(
-            f"{path}: line {number}: is for a map of {short_repr(cols)} x {short_repr(rows)}"
+            f"{path}: line {number} is for a map of {short_repr(cols)} x {short_repr(rows)}"
             " cells, but"
             f" {grid.name or 'this one'} has {grid.shape[1]} x {grid.shape[0]}"
         )
     if not (grid.contains(start_row, start_col) and grid.contains(goal_row, goal_col)):
         raise LocplanError(
-            f"{path}: line {number}: begins or ends outside its map: {short_repr(line)}"
+            f"{path}: line {number} begins or ends outside its map: {short_repr(line)}"
         )
     start = grid.position(rows - 1 - start_row, start_col)
     goal = grid.position(rows - 1 - goal_row, goal_col)

@@ -144,7 +144,7 @@ def compare(
             check_zones_on_map(zones, map_or_costmap)
         elif zones:
             raise ConfigError(
-                f"map {short_repr(name)} is a costmap with zones of its own; remove zones"
+                f"map {short_repr(name)} is a costmap, which keeps its zones; remove zones"
             )
     settings = {
         "versions": collect_versions(),
@@ -270,7 +270,7 @@ def _make_cases(
     """Yield a case and its costmap for each map and field; cases of a map share its queries."""
     for name, map_or_costmap in maps.items():
         if isinstance(queries, Mapping) and name not in queries:
-            raise ConfigError(f"there are no queries for map {short_repr(name)}")
+            raise ConfigError(f"there are no queries for map {short_repr(name)}; add some")
         map_queries = queries[name] if isinstance(queries, Mapping) else queries
         case_queries: tuple[Query, ...] = ()
         if isinstance(map_or_costmap, Costmap):

@@ -175,7 +175,7 @@ def scene_figure(scene: QueryScene) -> Figure:
         draw_map(axes, scene.case.grid)
     else:
         image = draw_field(axes, field)
-        label = f"{field.quantity().axis}: the darker, the less a scan tells"
+        label = f"{field.quantity().axis} (darker: scans localize less well)"
         bar = figure.colorbar(image, ax=axes, label=label, location="bottom", aspect=40, pad=0.04)
         label_with_plain_numbers(bar.ax.xaxis, 6)
     axes.set(xlabel="", ylabel="")

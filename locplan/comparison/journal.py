@@ -40,7 +40,7 @@ class RunJournal:
     Raises
     ------
     LocplanError
-        If the file cannot be written, is no journal, or its runs have different settings.
+        If the file cannot be written, is not a journal, or its runs have different settings.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class RunJournal:
 
     @property
     def _format_error(self) -> LocplanError:
-        return LocplanError(f"{self.path}: is no journal of a comparison; name another file")
+        return LocplanError(f"{self.path}: is not a journal of a comparison; name another file")
 
     def _parse_head(self, line: str) -> dict[str, Any]:
         try:
@@ -133,14 +133,14 @@ class RunJournal:
         if names:
             raise LocplanError(
                 f"{self.path}: has runs with other settings ({', '.join(names)}); name another"
-                " place, or replace them with force=True"
+                " file, or replace them with force=True"
             )
 
     def _parse_run(self, number: int, line: str) -> PlannerRun:
         try:
             run: PlannerRun = decode_tree(PlannerRun, parse_json(line))
             if run.status not in STATUSES or math.isnan(run.task.weight):
-                raise ValueError("is no run")
+                raise ValueError("is not a run")
             return run
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             raise LocplanError(

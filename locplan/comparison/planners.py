@@ -216,7 +216,7 @@ def make_specs(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec
         if labels.count(spec.label) > 1:
             raise ConfigError(f"{name} appears twice; remove or rename one")
         if spec.is_user_planner:  # it is sent to workers by value
-            require_extra("cloudpickle", "functions", f"{name}, one of your own,")
+            require_extra("cloudpickle", "functions", f"{name}, a custom planner,")
     return specs
 
 

@@ -89,7 +89,7 @@ def run_jobs(
     journal: RunJournal | None,
     progress: ProgressCallback | None,
 ) -> list[PlannerRun]:
-    """Return the runs of all jobs in job; runs in the journal are not repeated.
+    """Return the runs of all jobs in their order; runs in the journal are not repeated.
 
     Runs that crashed, hung or ran out of memory are repeated. So are runs of a user's planner
     without a version, because it may have changed.

@@ -37,8 +37,8 @@ COMPARED: Mapping[str, tuple[str, str, str]] = {
     "degenerate_share": (DIFFERENCE, f"less {HIGH_U}", f"more {HIGH_U}"),
     "longest_degenerate": (
         RATIO_OF_SUMS,
-        f"shorter at a stretch {HIGH_U}",
-        f"longer at a stretch {HIGH_U}",
+        f"shorter in the longest stretch {HIGH_U}",
+        f"longer in the longest stretch {HIGH_U}",
     ),
     "clearance": (RATIO_OF_SUMS, "less clearance", "more clearance"),
     "turning": (RATIO_OF_SUMS, "less turning", "more turning"),
@@ -332,7 +332,7 @@ class PlannerContrast:
         if self.pairs < MIN_QUERIES:
             return f"too few queries for a verdict ({self.pairs} of {MIN_QUERIES})"
         if np.isnan(self.estimate.value):
-            return f"{self.baseline} has none of it"
+            return f"no ratio, since it is 0 for {self.baseline}"
         if not np.isfinite(self.estimate).all():
             return f"too few queries for a verdict ({self.pairs})"
         value, low, high = self.estimate

@@ -219,14 +219,14 @@ class _WorkerProcess:
     def _describe_failure(self, limit: float) -> tuple[str, str]:
         """Return status and note of a run without an answer."""
         if self._is_overdue:
-            return "hung", f"gave no answer within {limit:g} s and was ended"
+            return "hung", f"was ended without an answer after {limit:g} s"
         try:
             code = self._process.wait(1.0)
         except subprocess.TimeoutExpired:
             return "crashed", "its process closed the connection"
         if code >= 0:
             return "crashed", f"its process ended with exit code {code}"
-        doubt = ", from outside or for lack of memory" if -code == signal.SIGKILL else ""
+        doubt = ", by another program or for lack of memory" if -code == signal.SIGKILL else ""
         return "crashed", f"its process was ended by {signal.Signals(-code).name}{doubt}"
 
 

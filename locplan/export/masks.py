@@ -178,8 +178,11 @@ class PlannedPath:
         """The comparison in a few words."""
         if math.isnan(self.ratio):
             return "finds no path"
-        near = f"clearance {self.clearance:.2f} m (minimum {self.least_clearance:.2f} m)"
-        return f"{self.ratio:.2f} times its J, {near}"
+        change = "more" if self.ratio >= 1 else "less"
+        return (
+            f"{100 * abs(self.ratio - 1):.0f} % {change} J than the recommended path, median"
+            f" clearance {self.clearance:.2f} m, minimum {self.least_clearance:.2f} m"
+        )
 
 
 @dataclass(frozen=True)
@@ -317,7 +320,7 @@ class MaskConversion:
         rows = (
             ("planner", self.planner.name + parameter_text),
             ("cost in addition to the length", f"at most {self.max_excess:.3f} per metre"),
-            ("cells that would cost more", f"{self.saturated_share:.1%}"),
+            ("saturated cells", f"{self.saturated_share:.1%}"),
             ("rounding of this cost", f"{self.mean_quantisation:.4f} per metre on average,"),
             ("", f"{self.quantisation:.4f} at most"),
             *(

@@ -148,6 +148,6 @@ def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
         folder, "ros-map.md", metadata, {"map": name}, purposes=purposes, force=force
     ) as temporary:
         write_map_values(temporary / "raw", values, grid)
-        title = f"{grid.name or 'map'}: as it is published{format_costs_caption(costs)}"
+        title = f"{grid.name or 'map'}: values as published{format_costs_caption(costs)}"
         figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)
         _figures.save_preview(temporary, figure, dpi=90)

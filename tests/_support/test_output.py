@@ -440,7 +440,7 @@ def test_a_comparison_begins_anew_by_force(run, room, tmp_path):
     code, _, err = run(*compare, "--weight", "2")
     assert code == 2
     assert err.endswith(
-        "other settings (weights); name another place, or replace them with --force\n"
+        "other settings (weights); name another file, or replace them with --force\n"
     )
     assert run(*compare, "--force", "--weight", "2")[0] == 0
     assert len(journal.read_text().splitlines()) == 3

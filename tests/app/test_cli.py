@@ -475,7 +475,7 @@ def test_wrong_function_of_file_is_one_line(run, room, my_planner, name, message
 def test_compare_names_missing_cloudpickle(run, room, tmp_path, my_planner, monkeypatch):
     monkeypatch.setattr(public, "find_spec", lambda name: None)
     words = "--planner", f"{my_planner}:mine", "-o", tmp_path / "out"
-    message = "one of your own, needs cloudpickle: pip install 'locplan[functions]'"
+    message = "a custom planner, needs cloudpickle: pip install 'locplan[functions]'"
     assert message in check_refusal(run("compare", room, *words))
 
 

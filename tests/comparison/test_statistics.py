@@ -164,7 +164,7 @@ def test_what_may_be_zero_is_a_ratio_of_sums():
     assert found.estimate.low < 0.5 < found.estimate.high
     nothing = pair([0.0] * 6, [0.0] * 6, "integrated_u")
     assert np.isnan(nothing.estimate.value)
-    assert nothing.sentence == "base has none of it"
+    assert nothing.sentence == "no ratio, since it is 0 for base"
     alone = pair([1.0] * 6, [2.0] + [0.0] * 5, "integrated_u")
     assert np.isnan(alone.estimate.low)
     assert alone.sentence == "too few queries for a verdict (6)"

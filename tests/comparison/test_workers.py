@@ -117,7 +117,7 @@ def test_run_after_hung_ones_is_solved():
     planners = [spin, sleep, unhurried]
     runs = run_comparison(planners, QUERIES[:1], workers=1, patience=0.5, time_limit=100.0)
     assert [run.status for run in runs] == ["hung", "hung", "solved"]
-    assert {run.note for run in runs[:2]} == {"gave no answer within 0.5 s and was ended"}
+    assert {run.note for run in runs[:2]} == {"was ended without an answer after 0.5 s"}
     assert all(run.wall_seconds >= 0.5 for run in runs[:2])
 
 
@@ -357,7 +357,7 @@ def test_other_files_are_no_journals(tmp_path):
     for text in ("dear diary\n", "dear diary\ntoday", "dear"):
         file.write_text(text)
         for force in (False, True):
-            with pytest.raises(LocplanError, match="is no journal"):
+            with pytest.raises(LocplanError, match="is not a journal"):
                 run_comparison("grid", journal=file, force=force)
         assert file.read_text() == text
     with pytest.raises(LocplanError, match="is a file, not a folder"):

@@ -85,7 +85,7 @@ def test_a_robots_comments_stay(tmp_path, costs):
     server = own["planner_server"]["ros__parameters"]
     assert server["planner_plugins"] == ["GridBased", "Localizability"]
     assert server["Localizability"]["cost_travel_multiplier"] == pytest.approx(10.542, abs=1e-3)
-    assert "but its comments" not in (tmp_path / "m" / "README.md").read_text()
+    assert "without its comments" not in (tmp_path / "m" / "README.md").read_text()
 
 
 def test_default_planner_keeps_its_type(tmp_path, costs):
@@ -203,7 +203,7 @@ def test_topics_are_those_of_the_robots_namespace(tmp_path, costs, namespace):
     assert f"reliable {namespace}/planner_selector std_msgs" in text
     nav2_speed(tmp_path / "speed", costs, params=tmp_path / "own.yaml", lead=0.4)
     text = (tmp_path / "speed" / "README.md").read_text()
-    assert f"limits on {namespace}/speed_limit;" in text
+    assert f"limits from {namespace}/speed_limit." in text
     assert "begins 0.4 m before" in text
     merged = yaml.safe_load((tmp_path / "speed" / "nav2.yaml").read_text())
     costmap = (merged["r1"] if namespace else merged)["global_costmap"]["global_costmap"]
@@ -344,7 +344,7 @@ def test_export_edits_file_that_has_node(tmp_path, costs, order):
     assert merged == nav2 | {"amcl": {"ros__parameters": {"alpha1": 0.1}}}
     readme = (tmp_path / "both" / "README.md").read_text()
     assert "params_file:=$PWD/merged.yaml" in readme
-    assert "merged.yaml: nav.yaml and loc.yaml in one file with ours" in readme
+    assert "merged.yaml: nav.yaml and loc.yaml merged with the export's parameters" in readme
     assert not (tmp_path / "one" / "merged.yaml").exists()
 
 

@@ -108,7 +108,7 @@ def test_the_mask_of_a_choice_is_that_of_the_path_to_take(tmp_path, driven):
     assert [(each.name, each.is_equivalent) for each in found.paths] == [("around", True)]
     (line,) = said
     assert line.startswith("smac2d's path for around passes 0.35 m from walls at (16.15, 11.85)")
-    assert "Made of the path of a choice, around, for" in (tmp_path / "m/README.md").read_text()
+    assert "Source: the recommended path, around, for" in (tmp_path / "m/README.md").read_text()
     about = json.loads((tmp_path / "m/export.json").read_text())
     assert about["choice"]["recommended_name"] == "around"
     assert not (tmp_path / "m-routes").exists()

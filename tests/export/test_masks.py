@@ -144,7 +144,9 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
     row, col = heavy.grid.cell(conversion.most_saturated_place)
     assert 10.0 * heavy.u[row, col] > k
     x, y = conversion.most_saturated_place
-    assert f"room for a follower, most around ({x:.2f}, {y:.2f})" in readme_of(tmp_path / "mask")
+    assert f"room for a follower, most of them around ({x:.2f}, {y:.2f})" in readme_of(
+        tmp_path / "mask"
+    )
     values = ros_readers.load(tmp_path / "mask" / "mask.yaml", "main").data
     assert (values[10.0 * np.nan_to_num(heavy.u) > k] == 99).all()
     about = json.loads((tmp_path / "mask" / "export.json").read_text())
@@ -390,7 +392,7 @@ def readme_of(folder):
 @pytest.mark.parametrize(
     ("planner", "words"),
     [
-        ("smac2d", ("`cost_travel_multiplier: 6.526` (Nav2's own default is 1)", "iterations: -1")),
+        ("smac2d", ("`cost_travel_multiplier: 6.526` (Nav2's default is 1)", "iterations: -1")),
         ("smac-hybrid", ("`cost_penalty: 6.429`", "may take up to 25 s (`max_planning_time`")),
         ("thetastar", ("`w_traversal_cost: ",)),
     ],
@@ -770,7 +772,7 @@ def test_texts_stay_texts_and_numbers_numbers_to_ros(tmp_path, costs):
     shared = "planner_server: &p {ros__parameters: {b: 1}}\nmine: *p\n"  # not to be changed alone
     (tmp_path / "own.yaml").write_text(own + shared)
     nav2_keepout(tmp_path / "n", costs, params=tmp_path / "own.yaml")
-    assert "(but its comments)" in readme_of(tmp_path / "n")
+    assert "(without its comments)" in readme_of(tmp_path / "n")
     text = (tmp_path / "n" / "nav2.yaml").read_text()
     for line in ('a: "1e3"', "b: 1000.0", 'c: "y"', "d: true", "e: false", "f: 'no'", "g: x"):
         assert f"    {line}\n" in text

@@ -108,4 +108,4 @@ def test_the_folder_says_how_the_server_is_started_and_asked(tmp_path, costs, pa
     nodes = [each["geometry"] for each in graph["features"] if each["geometry"]["type"] == "Point"]
     x, y = nodes[-1]["coordinates"]
     assert f"position: {{x: {x:.2f}, y: {y:.2f}}}" in text  # a place on this map
-    assert ("names the graph by its place on this machine" in text) == (distro == "jazzy")
+    assert ("names the graph by its full path on this machine" in text) == (distro == "jazzy")

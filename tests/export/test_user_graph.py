@@ -236,7 +236,7 @@ def test_folder_has_graph_and_scorer(tmp_path, costs):
     readme = (tmp_path / "out" / "README.md").read_text()
     assert "2 directed edges between 3 nodes" in readme
     assert "start_id: 0, goal_id: 1" in readme
-    assert "former `cost` of 1 edges" in readme
+    assert "original `cost` of 1 edges" in readme
     (tmp_path / "wall.geojson").write_text(
         json.dumps(graph_of(*swagger_graph()["features"], edge(20, 0, 3)))
     )

@@ -153,9 +153,9 @@ def test_scenarios_have_their_optimal_length():
             assert result.metrics.length == pytest.approx(optimal * 0.5, abs=0.005)
     with pytest.raises(LocplanError, match="is for a map of 512 x 512 cells"):
         read_scenarios(file, two_rooms().grid)
-    with pytest.raises(LocplanError, match="is no MovingAI map"):
+    with pytest.raises(LocplanError, match="is not a MovingAI map"):
         read_movingai_map(file)
-    with pytest.raises(LocplanError, match="is no MovingAI scenario"):
+    with pytest.raises(LocplanError, match="is not a MovingAI scenario"):
         read_scenarios(BENCHMARKS / "8room_000.map", grid)
 
 

@@ -188,8 +188,8 @@ def test_commands_take_maps_whose_names_are_no_utf_8(run, tmp_path, monkeypatch,
     [
         ("a.map", "type octile\nheight 1\nwidth 1\nmap\n" + "\U0001f9ed." + "\n..\n", None),
         ("a.map", "type octile\nheight 1\nwidth 1\nmap\n...\n..\n", "the same length"),
-        ("a.map", "map", "is no MovingAI map"),
-        ("a.map", "\0", "is no MovingAI map"),
+        ("a.map", "map", "is not a MovingAI map"),
+        ("a.map", "\0", "is not a MovingAI map"),
     ],
 )
 def test_movingai_maps_are_read_or_refused(tmp_path, name, text, fault):
@@ -208,7 +208,7 @@ def test_movingai_maps_are_read_or_refused(tmp_path, name, text, fault):
         ("0 a.map 4 3 -1 0 3 2 1.0", "outside its map"),
         (f"0 a.map 4 3 0 0 {'9' * 400} 2 1.0", "outside its map"),
         (f"0 a.map {'9' * 400} 3 0 0 0 2 1.0", "is for a map of a number of 1329 bits"),
-        ("0 a.map 4", "is no scenario"),
+        ("0 a.map 4", "is not a scenario"),
     ],
 )
 def test_scenarios_that_do_not_fit_are_refused(tmp_path, line, fault):
