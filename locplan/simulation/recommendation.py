@@ -484,6 +484,7 @@ class Recommendation(Result, StoredResult):
     derived: ClassVar[tuple[str, ...]] = (
         *("recommended_name", "verdict", "sentence", "reached_text", "advice", "answer"),
     )
+    former: ClassVar[tuple[str, ...]] = ("taken", "arrives")
 
     files: ClassVar[ResultFiles] = ResultFiles(
         "choice",

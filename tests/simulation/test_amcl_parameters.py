@@ -73,7 +73,7 @@ def hall(size: float) -> OccupancyGrid:
 
 def test_all_beams_return_in_a_small_room():
     simulator = Simulator(hall(4.0), robot=Robot(LIDAR, disturbances=CLEAN))
-    left = BeamCount.interpolate_on_map(simulator)
+    left = BeamCount.on_map(simulator)
     assert left.compared == 60  # every sixth of 360
     assert left.returned == 60
     assert left.find_warnings() == []
@@ -81,7 +81,7 @@ def test_all_beams_return_in_a_small_room():
 
 def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
     lidar = Lidar(range=4.0)
-    left = BeamCount.interpolate_on_map(
+    left = BeamCount.on_map(
         Simulator(hall(30.0), robot=Robot(lidar, filter=Amcl(max_beams=30)))
     )
     assert 0 < left.returned < 0.5 * left.compared
@@ -92,4 +92,4 @@ def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
 
 def test_beams_are_counted_also_where_the_robot_fits_nowhere():
     grid = ascii_map("####", "#..#", "####", resolution=0.1)
-    assert BeamCount.interpolate_on_map(Simulator(grid, robot=Robot(LIDAR))).compared == 60
+    assert BeamCount.on_map(Simulator(grid, robot=Robot(LIDAR))).compared == 60

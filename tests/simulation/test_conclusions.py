@@ -196,7 +196,7 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
     cells[:, 30] = 0
     locplan.save_map(locplan.OccupancyGrid(cells, 0.1), tmp_path / "cut.yaml")
     code, out, _ = run("simulate", tmp_path / "cut.yaml", "--start", "1,1", "--goal", "5,1")
-    assert (code, out) == (0, "unreachable: no path leads to the goal\n")
+    assert (code, out) == (0, "unreachable: no path leads from start to goal\n")
     asked = "--start", "1,1", "--goal", "5,1", "--json"
     code, out, _ = run("simulate", tmp_path / "cut.yaml", *asked)
     assert json.loads(out) == {"status": "unreachable"}
@@ -213,11 +213,11 @@ def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ((), "pass one of --path, --start and --goal, --random, or --recording"),
+        ((), "name the paths with one of --path, --start and --goal, --random, or --recording"),
         (("--start", "2,3"), "--start and --goal belong together"),
         (("--start", "2,3", "--random", "3"), "belong together"),
         (("--goal", "2,3", "--path", "a.csv"), "belong together"),
-        ((*ENDS, "--random", "3"), "pass one of --path"),
+        ((*ENDS, "--random", "3"), "name the paths with one of --path"),
         ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'; it has footprint,"),
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
         ((*ENDS, "--set", "alpha1=often"), "alpha1 must be at least 0"),
@@ -243,4 +243,4 @@ def test_a_path_of_several_maps_is_refused(run, map_file, tmp_path):
     locplan.save_map(locplan.load_map(map_file), tmp_path / "other.yaml")
     several = map_file, tmp_path / "other.yaml"
     error = check_refusal(run("simulate", *several, *ENDS))
-    assert "one path is of one map: name one of these 2, or --random" in error
+    assert "a path needs one map; name one of these 2, or use --random" in error
