@@ -47,9 +47,9 @@ class BeamCount:
 
     @classmethod
     def on_map(cls, simulator: Simulator) -> BeamCount:
-        """Count the beams that return at 200 random places of the map where the robot fits.
+        """Count the beams that return at 200 random places of the map in which the robot fits.
 
-        Where it fits nowhere, all free cells count.
+        If it fits nowhere, all free cells count.
 
         Parameters
         ----------
@@ -77,12 +77,12 @@ class BeamCount:
         return f"of {self.compared} beams compared, {self.returned:.0f} return on this map"
 
     def find_warnings(self) -> list[str]:
-        """A warning if fewer than half of the beams return."""
+        """Return a warning if fewer than half of the beams return."""
         if self.returned >= self.compared / 2:
             return []
         return [
             f"{self}: Nav2 skips the others, whose walls are out of the lidar's range or too near;"
-            " raise max_beams, or laser_max_range where it is below the lidar's range"
+            " raise max_beams, or laser_max_range if it is below the lidar's range"
         ]
 
 
@@ -131,7 +131,7 @@ def list_setting_warnings(
     beam_count: BeamCount,
     further_parameters: Mapping[str, object] | None = None,
 ) -> tuple[str, ...]:
-    """Return warnings about a robot's settings, and about changing them to others.
+    """Return warnings about a robot's settings, and about a change to new settings.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def list_setting_warnings(
         The robot with the user's settings.
     settings : Amcl
         The settings to use.
-    beam_count : BeamsLeft
+    beam_count : BeamCount
         Number of the compared beams that return.
     further_parameters : mapping, optional
         Further parameters in the robot's file, such as `do_beamskip`.
@@ -178,7 +178,8 @@ def check_tunable(params: Path | None) -> None:
 def write_tuned_parameters(file: Path, winner: Amcl, params: Path | None = None) -> None:
     """Write settings as parameters of Nav2.
 
-    It is the user's own file with other values, or without one a section of amcl.
+    The result is a copy of the user's file with the new values. Without a file, it is an amcl
+    section.
 
     Parameters
     ----------
@@ -187,7 +188,7 @@ def write_tuned_parameters(file: Path, winner: Amcl, params: Path | None = None)
     winner : Amcl
         The settings.
     params : path, optional
-        The user's parameter file, whose copy has other values; it stays as it is.
+        The user's parameter file; it stays unchanged.
 
     Raises
     ------
@@ -218,7 +219,7 @@ def find_differing_names(first: Amcl, second: Amcl) -> list[str]:
 
 
 def _edit_parameters(params: Path, values: Mapping[str, float | str]) -> bytes:
-    """A file with these values, and beams not skipped where they are from now on."""
+    """Return the file's content with these values, and with beam skipping turned off."""
     parameters = read_parameters(params).read_node_parameters("amcl")
     if parameters.get("laser_model_type", MODELS[0]) not in MODELS:  # another model was simulated
         values = {"laser_model_type": MODELS[0], **values}
@@ -230,7 +231,7 @@ def _edit_parameters(params: Path, values: Mapping[str, float | str]) -> bytes:
 
 
 def _read_without_warnings(file: Path) -> Amcl:
-    """The settings in a file, about which was warned before."""
+    """Return the settings in a file without repeating its warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         return read_amcl(file)

@@ -1,4 +1,4 @@
-"""Closed-loop drives and how they end: steered by its estimate, does the robot arrive?"""
+"""Closed-loop drives, and whether a robot that its estimate steers reaches the goal."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ class Arrival(EqualByValue):
 
     @property
     def places(self) -> tuple[tuple[str, tuple[Place, ...]], ...]:
-        """True poses at which something goes wrong, by what does."""
+        """True poses at which a drive goes wrong, by the kind of fault."""
         ends = () if self.outcome == ARRIVED else (self.end,)
         return (LEAVES, self.leaves), (STOPS, self.stops), (ENDS, ends)
 
@@ -152,18 +152,18 @@ class Arrivals(EqualByValue):
 
     @property
     def n_reached(self) -> int:
-        """Number of the drives that arrive."""
+        """Number of drives that reach the goal."""
         return int(self.has_reached_goal.sum())
 
     @property
     def failure_counts(self) -> Counter[str]:
-        """Number of the drives that do not arrive, by how they end in words."""
+        """Number of the drives that do not arrive, by their ending in words."""
         endings = (drive.fault or drive.outcome for drive in self.drives)
         return Counter(ENDINGS[ending][1] for ending in endings if ending != ARRIVED)
 
     @property
     def arrivals_text(self) -> str:
-        """How many of the drives arrive, with the share's 95 % interval."""
+        """Number of drives that reach the goal, with the 95 % interval of their share, as text."""
         _, low, high = self.arrival_rate
         return f"{self.n_reached} of {len(self.drives)} [{100 * low:.0f}, {100 * high:.0f} %]"
 
@@ -183,19 +183,19 @@ class Arrivals(EqualByValue):
         return float(np.mean([drive.standstills for drive in self.drives]))
 
     def compute_rate(self, ending: str) -> Interval:
-        """Share of the drives with this outcome or this fault, 0..1, with its 95 % interval.
+        """Return the share of drives with this outcome or fault, 0..1, with its 95 % interval.
 
         Parameters
         ----------
         ending : str
             "elsewhere" (the robot believes to be at the goal, and is not), "aborted", "timed out";
-            or "follower" (it fails with perfect localization, too), "world" (no way to the goal).
+            or "follower" (it also fails with perfect localization), "world" (no way to the goal).
         """
         n_matching = sum(ending in (drive.outcome, drive.fault) for drive in self.drives)
         return compute_wilson_interval(n_matching / len(self.drives), len(self.drives))
 
     def places(self) -> Table:
-        """Where robots stop, end without having arrived, and leave the path."""
+        """Return the poses at which robots stop, end away from the goal, and leave the path."""
         drive_places = [
             (n, *place) for n, drive in enumerate(self.drives) for place in drive.places
         ]
@@ -234,7 +234,7 @@ ARRIVAL_COLUMNS: tuple[Column, ...] = (
 
 
 def tabulate_ends(arrivals: Mapping[str, Arrivals]) -> Table:
-    """Where the closed-loop drives along some paths ended, and where the filter believed to be."""
+    """Return the true and the estimated end of each closed-loop drive along some paths."""
     columns = (
         *map(Column, ("path", "drive", "outcome")),
         Column("seconds", "s"),

@@ -86,17 +86,17 @@ class PlanningArea:
 
 
 def config_from_costs(cost_summary: Mapping[str, Any], lidar: Lidar | None) -> FieldConfig:
-    """Settings of the field in what is known of a costmap; without any, the usual ones."""
+    """Return the settings of the field in a costmap's summary, or the default settings."""
     if "config" in cost_summary:
         return FieldConfig.from_json(cost_summary["config"])
     return FieldConfig(Fused(lidar) if lidar else Sad())
 
 
 def rebuild_costmap(cost_summary: Mapping[str, Any], field: CovarianceField) -> Costmap:
-    """The costmap of a field by what `about_costs` says of it; a ConfigError on another map."""
+    """Return the costmap with these settings on a field; raise ConfigError for another map."""
     if field.grid.digest != cost_summary["map"]["digest"]:
         raise ConfigError(
-            f"the choice is of another map, {cost_summary['map']['name'] or 'unnamed'}"
+            f"the recommendation is for another map, {cost_summary['map']['name'] or 'unnamed'}"
         )
     zones = Zones.from_json(cost_summary["zones"]) if "zones" in cost_summary else None
     return Costmap.from_field(
@@ -113,9 +113,9 @@ def rebuild_costmap(cost_summary: Mapping[str, Any], field: CovarianceField) -> 
 def make_candidate_costmap(
     costs: Costmap, candidates: Mapping[str, Path], name: str, robot: Robot, max_e: float | None
 ) -> Costmap:
-    """A costmap of the density of a candidate, in place of that of the field.
+    """Return a costmap with the density of a candidate instead of the field's density.
 
-    Its u is the excess over 1, to scale, and its weight the greatest one.
+    Its weight is the greatest density above 1, and its u the density above 1 divided by it.
     """
     density, blocked = (
         compute_candidate_density(costs, candidates, name, robot),
@@ -220,7 +220,7 @@ REGION_MARGIN = 3.0
 
 @dataclass(frozen=True)
 class SearchRegion(PlanningArea):
-    """The part of a map that paths between two places may take, and what is known there."""
+    """The part of a map that paths between two places may use, with its costmap."""
 
     costs: Costmap
     """Costmap of the whole map, with a field or without one."""
@@ -251,7 +251,7 @@ class SearchRegion(PlanningArea):
 
     @cached_property
     def whole_map(self) -> SearchRegion:
-        """The whole map, on which a path may be of any length."""
+        """Region of the whole map, without a limit of length."""
         costs = self.costs
         return SearchRegion(
             costs.grid,
@@ -301,7 +301,7 @@ class SearchRegion(PlanningArea):
 def generate_candidates(
     region: SearchRegion, user_candidates: UserCandidates
 ) -> tuple[dict[str, Path], dict[str, str]]:
-    """All candidates by name, the shortest first, and why others are none."""
+    """Return all candidates by name, the shortest first, and why each rejected path is none."""
     accepted, left_out = region.accepted, dict[str, str]()
     user_paths = {
         name: path
@@ -401,7 +401,7 @@ def _choose_name(candidate: AnyCandidate, number: int) -> str:
 def _iterate_paths(
     name: str, candidate_like: AnyCandidate
 ) -> Iterator[tuple[str, Path | Planner | str]]:
-    """The paths of what is given, its planner, or why it has no path."""
+    """Yield the named paths of a user's candidate, its planner, or why it has no path."""
     if isinstance(candidate_like, (str, Planner)):
         yield name, make_planner(candidate_like)
     elif isinstance(candidate_like, Plan):
@@ -455,9 +455,9 @@ def add_user_candidates(
     reserved: Collection[str] = (),
     skip: Planner | None = None,
 ) -> None:
-    """Add a user's paths that keep the limits to others, and why the rest do not.
+    """Add a user's paths that keep the limits, and record why the rest do not.
 
-    Reserved names belong to others. The path of one planner may be there already, `skip`.
+    Users cannot take reserved names. The path of the planner `skip` is there already.
     """
     settings, new_candidates = problem.settings, dict(user_candidates)
     if settings.front:

@@ -61,10 +61,10 @@ class Replanner:
         return np.where(self.no_go, np.inf, self._compute_density(self.grid.clearance))
 
     def plan_car_way(self, way: Floats, truth: Floats, believed: Floats, world: Any) -> Floats:
-        """A way (n, 4) of a car-like robot round what it sees in its way, by the lattice planner.
+        """Return a car-like robot's way (n, 4) round seen obstacles, by the lattice planner.
 
-        Ways have positions [m], gears and headings [rad]. The new one joins the old one a metre
-        after its first collision. The old one stays where it has none, or where no way is found.
+        Ways have positions [m], gears and headings [rad]. The new way joins the old way a metre
+        after its first collision. The old way stays if it is free, or if no new way is found.
         """
         from locplan.planning.costmap import Costmap
         from locplan.planning.lattice import Lattice
@@ -107,10 +107,10 @@ class Replanner:
         return np.concatenate([new, way[join + 1 :]])
 
     def plan_way(self, way: Any, truth: Any, believed: Any, world: Any) -> Floats:
-        """A way (n, 2) from the believed pose back to the path, on the map and what is seen.
+        """Return a way (n, 2) from the estimated pose to the path, past mapped and seen walls.
 
-        It joins the path within some metres where that is cheapest, or else later. The path stays
-        where no way is found.
+        It joins the path at the cheapest point within some metres, otherwise later. The path stays
+        if no way is found.
         """
         from locplan._support.kernels.search import make_bordered_half, shortest_costs
         from locplan._support.kernels.ways import trace_path
@@ -194,7 +194,7 @@ class Replanner:
         density[window] = np.maximum(density[window], wall_density)
 
     def _compute_density(self, clearance: Floats) -> Floats:
-        """Density at a clearance, which is infinite where the robot does not fit."""
+        """Return the density at a clearance, infinite if the robot does not fit."""
         density = compute_inflated_density(clearance, self.robot)
         return np.where(clearance < self.robot.radius - 1e-9, np.inf, density)
 
@@ -246,7 +246,7 @@ RETREAT_SPEED = 0.15
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """Closed-loop drives along some paths of a map, in whose own axes all poses are."""
+    """Closed-loop drives along some paths of a map. All poses are in the map's axes."""
 
     simulator: Simulator
     paths: Mapping[str, Path]
@@ -265,7 +265,7 @@ class ClosedLoop:
 
     @cached_property
     def frame(self) -> Floats:
-        """Pose of the filter map's own axes [m, m, rad]."""
+        """Pose of the filter map's axes [m, m, rad]."""
         return np.asarray(
             world_to_map_frame(self.grid, np.array([self.simulator.filter_map.origin]))[0]
         )
@@ -392,8 +392,7 @@ class ClosedLoop:
         return Arrival.from_drive(outcome, truth, believed, self.paths[name], standstills)
 
     def _make_way(self, name: str) -> tuple[Floats, Floats]:
-        """The way of a path as the follower takes it, with headings where the robot is a car, and
-        the pose that it begins at."""
+        """Return a path as the follower takes it, with headings for a car, and its first pose."""
         path = self.paths[name].resample(POINT_SPACING, even=True)
         poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
         if self._is_car:

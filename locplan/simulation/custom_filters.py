@@ -28,8 +28,8 @@ def track_drive(
 ) -> None:
     """Drive once with a filter that is not AMCL, as the kernel `drives.drive` does with AMCL.
 
-    The filter gets every scan, with all beams, and random numbers of its own. It is started at a
-    pose that is off by the deviation that it is given.
+    The filter gets every scan with all beams, and separate random numbers. Its start pose is off by
+    the deviation that it is given.
     """
     tracker = start_tracker(random, custom_filter, truth[0], start)
     for n, pose in enumerate(world.poses):
@@ -41,7 +41,7 @@ def track_drive(
 def start_tracker(
     random: np.random.Generator, custom_filter: CustomFilter, first: Any, start: Any
 ) -> Tracker:
-    """A filter started about a pose (3,) in its map's own axes, with random numbers of its own."""
+    """Start a filter near a pose (3,) in its map's axes, with separate random numbers."""
     filter_random = random.spawn(1)[0]
     deviation = np.array([start.position, start.position, start.heading])
     x, y, heading = first + deviation * random.standard_normal(3)
@@ -76,7 +76,7 @@ def measure_ranges(
 def update_tracker(
     tracker: Tracker, custom_filter: CustomFilter, odometry: Floats, scan: Singles
 ) -> Floats:
-    """The filter's pose (3,) in its map's own axes, after a motion and a scan."""
+    """Return the filter's pose (3,) in its map's axes after a motion and a scan."""
     tracker.motion(odometry)
     tracker.scan(scan)
     estimate = np.asarray(tracker.estimate(), float)

@@ -1,7 +1,7 @@
-"""Simulated drives along paths, open-loop and closed-loop; all that simulates drives calls these.
+"""Functions that simulate open-loop and closed-loop drives along paths.
 
 The random numbers of a drive depend on the simulator's seed, on the route and on the number of the
-drive, and on nothing else: two commands that drive one route report the same drives. Paths with the
+drive only: two commands that drive one route report the same drives. Paths with the
 same ends belong to one route, so that their n-th drives are pairs: they have the same world and the
 same errors of odometry. Drives on different routes are independent.
 """
@@ -153,14 +153,14 @@ def drive_closed(
     Parameters
     ----------
     simulator : Simulator
-        The map, the robot and the seed; the robot's outline, speed and goal tolerance count, too.
+        The map, the robot and the seed; the robot's outline, speed and goal tolerance count.
     paths, numbers, route
         See `drive_open`.
     replan : float, optional
-        Time after which a new plan is made in any case [s]; by default only where something is in
-        the way.
+        Time after which the robot plans again in any case [s]; by default only if an obstacle is
+        in the way.
     perfect : bool, default False
-        Whether the robot knows its true pose, which shows what the follower alone can do.
+        Whether the robot knows its true pose, to test the follower alone.
     progress : callable, optional
         Called with (done, total) drives.
 

@@ -84,7 +84,7 @@ def check_drives(drives: int, *, or_none: bool = False) -> None:
     drives : int
         Number of drives along a path, 2 to 100,000.
     or_none : bool, default False
-        True allows 0, too, which leaves the drives out.
+        True also allows 0, for no drives.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def check_drives(drives: int, *, or_none: bool = False) -> None:
 
 
 class RateProperties:
-    """Figures of drives that know which were lost, which were off at the end, and how far."""
+    """Rates and errors of drives, from flags for lost and off at the end and from distances."""
 
     @property
     def lost_rate(self: Any) -> Interval:
@@ -188,7 +188,7 @@ class Drives(RateProperties):
 
     @property
     def lost_way(self) -> Interval:
-        """Share of the poses at which the robot was lost, 0..1."""
+        """Share of the poses with a lost robot, 0..1."""
         return estimate_mean((self.position_error > LOST_DISTANCE).mean(axis=1))
 
     @property
@@ -200,7 +200,7 @@ class Drives(RateProperties):
 
     @property
     def final_rmse(self) -> Interval:
-        """Root mean square of the position error where the drive ends [m]."""
+        """Root mean square of the position error at the end of the drives [m]."""
         return estimate_rms(self.position_error[:, -1] ** 2)
 
     def profile(self) -> Floats:
@@ -213,11 +213,11 @@ class Drives(RateProperties):
 
 
 def format_rates(drives: Any) -> str:
-    """Shares of the drives that go wrong, in words.
+    """Return the shares of drives that go wrong as text.
 
     Parameters
     ----------
-    drives : Drives, or what has its rates
+    drives : Drives, or any object with its rates
         The drives.
     """
     return ", ".join(
@@ -242,7 +242,7 @@ def tabulate_profiles(drives: Mapping[str, Drives]) -> Table:
 
 
 def compute_rmse_ratio(drives: Drives, baseline: Drives) -> Interval:
-    """Ratio of the RMSE of a typical drive to that of others with the same seeds.
+    """Return the RMSE of a typical drive relative to a baseline with the same seeds.
 
     Parameters
     ----------
@@ -253,14 +253,14 @@ def compute_rmse_ratio(drives: Drives, baseline: Drives) -> Interval:
     -------
     Interval
         Geometric mean of the ratio with its 95 % interval over the drives, as
-        `locplan.recommend_path` confirms it; below 1 the former are better.
+        `locplan.recommend_path` confirms it; below 1 the drives are better than the baseline.
     """
     squares, below = drives.mean_squares + MIN_MEAN_SQUARE, baseline.mean_squares + MIN_MEAN_SQUARE
     return estimate_geometric_mean(np.sqrt(squares / below))
 
 
 def compute_rmse_ratios(drives: Mapping[str, Drives]) -> dict[str, Interval]:
-    """Ratio of the RMSE of each path's drives to that of the first path's."""
+    """Return the RMSE of each path's drives relative to the first path's RMSE."""
     first, *rest = drives
     return {name: compute_rmse_ratio(drives[name], drives[first]) for name in rest}
 
@@ -278,7 +278,7 @@ class DriveLine(NamedTuple):
 
 
 class CustomFilter(NamedTuple):
-    """A filter that is not AMCL, with what it is started with."""
+    """A filter that is not AMCL, with the arguments that start it."""
 
     settings: Filter
     grid: OccupancyGrid

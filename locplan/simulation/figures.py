@@ -60,7 +60,7 @@ MAP_MARKS = (*zip(COLOURS, "o^sDvP", strict=True),)
 
 
 def simulation_figure(simulation: Simulation) -> Figure:
-    """Paths over the map, coloured by the mean error there, and the error along each of them.
+    """Draw paths over the map, coloured by their mean error, and the error along each path.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
 
 
 def make_place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
-    """Entries of a legend for the marks that there are.
+    """Return legend entries for the marks in the figure.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def make_place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
 
 
 def queries_figure(routes: Routes) -> Figure:
-    """RMSE and share of lost drives of both paths of each query, and the mean ratios.
+    """Draw RMSE and share of lost drives of both paths of each query, and the mean ratios.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def queries_figure(routes: Routes) -> Figure:
 
 
 def _equalize_axes(axes: Any, values: Floats) -> Floats:
-    """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
+    """Make both axes logarithmic with equal limits around the values; return the limits."""
     ends = np.array([values.min() * 0.8, values.max() * 1.25])
     for axis in (axes.xaxis, axes.yaxis):
         make_logarithmic(axis)
@@ -221,7 +221,7 @@ def _equalize_axes(axes: Any, values: Floats) -> Floats:
 
 
 def _choose_label_offsets(points: Floats) -> list[tuple[float, float]]:
-    """Where the number of each point stands from it, away from the others [points]."""
+    """Return the offset of each point's number, away from all points [typographic points]."""
     sides = 6.0 * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
     extent = float(np.ptp(points, axis=0).max()) or 1.0
     size = extent / 200.0  # the points of a panel take nearly as many typographic points
@@ -249,13 +249,13 @@ LINE_COLOURS, LINE_WIDTHS = ("0.72", "black", RECOMMENDED), (1.0, 2.0, 3.6)
 def recommendation_figure(recommendation: Recommendation) -> Figure:
     """Draw the candidates over the map, the recommended path strongest, and the errors along it.
 
-    Where nothing was driven, the degeneracy u along the paths is drawn instead. A choice that was
-    loaded has no map to draw.
+    If nothing was driven, draw the degeneracy u along the paths instead. A loaded recommendation
+    has no map to draw.
 
     Parameters
     ----------
     recommendation : Recommendation
-        The choice; without a path only its ends are shown.
+        The recommendation; without a path only its ends are shown.
     """
     ends = Path(np.array([recommendation.start[:2], recommendation.goal[:2]]))
     paths = [*(candidate.path for candidate in recommendation.candidates), ends]
@@ -283,7 +283,7 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
         upper.set_aspect("equal")
     # The recommended path is drawn last.
     for candidate in sorted(
-        recommendation.candidates, key=lambda each: _rank_candidate(recommendation, each)
+        recommendation.candidates, key=lambda candidate: _rank_candidate(recommendation, candidate)
     ):
         rank = _rank_candidate(recommendation, candidate)
         draw_places(upper, candidate.arrivals, LINE_COLOURS[rank])
@@ -303,7 +303,7 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
 
 
 def _collect_marked_places(recommendation: Recommendation) -> list[Path]:
-    """The places that are marked, as one path, if there are any."""
+    """Return the marked places as one path, if there are any."""
     place_rows = [
         candidate.arrivals.places().rows
         for candidate in recommendation.candidates
@@ -314,7 +314,7 @@ def _collect_marked_places(recommendation: Recommendation) -> list[Path]:
 
 
 def _rank_candidate(recommendation: Recommendation, candidate: Candidate) -> int:
-    """2 of the recommended path, 1 of the shortest, 0 of the others."""
+    """Return 2 for the recommended path, 1 for the shortest path, 0 for the rest."""
     return (
         2
         if candidate is recommendation.recommended_candidate
@@ -345,7 +345,7 @@ def _make_handles(recommendation: Recommendation) -> list[Line2D]:
 
 
 def _format_figures(candidate: Candidate) -> str:
-    """Length, error and lost drives of a candidate."""
+    """Return length, error and lost drives of a candidate as text."""
     if candidate.driven is None:
         return f"{candidate.path.length:.1f} m, {candidate.metrics.integrated_u:.1f} m degenerate"
     rates = {
@@ -376,7 +376,7 @@ def _draw_errors(axes: Axes, recommendation: Recommendation) -> None:
 
 
 def _draw_degeneracy(axes: Axes, recommendation: Recommendation) -> None:
-    """The degeneracy along each path of which it is known."""
+    """Draw the degeneracy along each path with a known degeneracy."""
     costs: Any = recommendation.costs
     paths = [
         (candidate.path, LineStyle(LINE_COLOURS[_rank_candidate(recommendation, candidate)]))

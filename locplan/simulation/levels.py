@@ -316,8 +316,8 @@ class Level:
     def can_affect(self, path: Path, grid: OccupancyGrid) -> bool:
         """Return whether a drive along a path can have this level's fault.
 
-        A path that never reverses cannot show a lost sign, and one that leads through no corridor
-        has no place for a kink.
+        A path that never reverses cannot show a lost sign, and a path without a corridor has no
+        place for a kink.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What is asked of a choice: its settings, and the paths between two places that keep them."""
+"""The planning problem of a recommendation: its settings, and paths that keep them."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ SAFE_AMCL = with_preset(Amcl(), SAFE)
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class RecommendationSettings(Settings):
-    """Settings of a choice, which `locplan.recommend_path` takes by name.
+    """Settings of a recommendation.
 
     Raises
     ------
@@ -113,7 +113,7 @@ class RecommendationSettings(Settings):
     for the robot's own filter with the safe preset, see `locplan.robots.presets`."""
 
     def compute_length_handicaps(self, ratios: Sequence[float]) -> Floats:
-        """Return what the race adds to the log error of candidates for their lengths.
+        """Return the race's penalty on the log error of candidates for their lengths.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class RecommendationSettings(Settings):
                 check_number(name, getattr(self, name), 0.0)
 
     def find_rival(self, robot_filter: object) -> Amcl | None:
-        """The rival of a robot's own filter; None without one, or if it is the same or no AMCL.
+        """Return the rival of the robot's filter; None without one, for equal settings or no AMCL.
 
         Parameters
         ----------
@@ -207,7 +207,7 @@ class PlanningProblem:
 
     @cached_property
     def blank_costmap(self) -> Costmap:
-        """Costmap on which every metre costs the same, blocked where the given one is."""
+        """Costmap with equal costs of all metres and the blocked cells of the given costmap."""
         if self.user_costmap is None:
             return Costmap.blank(self.grid, robot=self.robot, zones=self.zones)
         density = np.where(np.isfinite(self.user_costmap.density), 1.0, np.inf)
@@ -222,8 +222,11 @@ class PlanningProblem:
     def _adapt_planner(
         self, costs: Costmap, planner: Planner | None
     ) -> tuple[PlanningProblem, Costmap, Planner | None]:
-        """What is asked, without headings where the planner has none, the costmap with the robot,
-        and the planner: the lattice where it must be."""
+        """Return the problem, the costmap with the robot, and the planner.
+
+        The problem has no headings if the planner has none. The lattice replaces planners that
+        cannot plan for the robot.
+        """
         if planner is None and self.is_lattice_needed:
             planner = Lattice()
         costs = dataclasses.replace(costs, robot=self.robot)
@@ -233,7 +236,7 @@ class PlanningProblem:
         return self._replace_places(places), costs, planner
 
     def _replace_places(self, places: Sequence[Position]) -> PlanningProblem:
-        """The same between other places."""
+        """Return the problem between new places."""
         start, *via, goal = places
         settings = dataclasses.replace(self.settings, via=tuple(via))
         return dataclasses.replace(self, start=start, goal=goal, settings=settings)
@@ -271,7 +274,7 @@ class PlanningProblem:
     def compute_costmap(
         self, paths_on: Callable[[Costmap], Iterable[Path]]
     ) -> tuple[Costmap, CovarianceField | None]:
-        """The costmap with its field, which is fine near some paths where that takes long."""
+        """Return the costmap with its field; slow fields are fine near some paths only."""
         if self.user_costmap:
             return self.user_costmap, None
 
@@ -315,7 +318,7 @@ class PlanningProblem:
         )
 
     def plan_shortest(self, costs: Costmap) -> Path | None:
-        """The shortest path without limits, as others that are shown beside an aware one."""
+        """Return the shortest path without limits, to compare with an aware path."""
         if math.isnan(costs.weight):
             return None
         return self.plan_aware_and_shortest(costs, limited=False)[SHORTEST].path

@@ -222,7 +222,7 @@ class RoutesOnMaps(Result):
 
     @staticmethod
     def pictures(maps: Sequence[str]) -> list[str]:
-        """Names of the pictures that are written besides the usual ones.
+        """Return the names of the additional pictures.
 
         Parameters
         ----------
@@ -330,7 +330,7 @@ def simulate_queries(
         Queries to drive; those without a path are left out.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.load` reads.
+        your robot, such as from `Robot.load`.
     drives, filter_map, seed, threads, progress
         See `simulate`; the drives are those along each path.
 

@@ -98,7 +98,7 @@ DriveCandidates = Callable[[Sequence[int], range], DriveScores]
 
 @dataclass(frozen=True, eq=False)
 class RaceResult(EqualByValue):
-    """The path that won the race, and what fresh drives of it and of the shortest say."""
+    """The path that won the race, and its verdict from fresh drives of it and of the shortest."""
 
     leader: int
     """Number of the path; 0 if none leads clearly, and then nothing is confirmed."""
@@ -122,12 +122,12 @@ class RaceResult(EqualByValue):
         return not self.more_lost and self.ratio.value <= math.exp(WORTHWHILE_LOG_RATIO)
 
     def recommends_leader(self, bold: bool) -> bool:
-        """True if the leader is to be taken in place of the shortest path.
+        """True if the leader replaces the shortest path.
 
         Parameters
         ----------
         bold : bool
-            Whether an undecided leader is taken, too.
+            Whether an undecided leader is also recommended.
         """
         words = (BETTER, UNDECIDED) if bold else (BETTER,)
         return self.is_worthwhile and self.verdict in words
@@ -147,9 +147,9 @@ def run_race(
     drive : callable
         Drives some of the paths.
     handicaps : (paths,) array
-        What is added to the score of each path in the race, such as the price of its length.
+        Penalty on the score of each path in the race, such as the price of its length.
     loss_penalty : float
-        What a lost drive adds to its score, beside the logarithm of its error.
+        Penalty of a lost drive on its score, added to the logarithm of its error.
     n_drives : int
         Maximum number of confirming drives of each path.
     is_time_up : callable, optional
@@ -258,7 +258,7 @@ def confirm_finalists(
 def compute_log_errors(
     distance: Floats, errors: Floats, minimise: Minimise, max_error: float
 ) -> Floats:
-    """Logarithm of the root mean square error of each drive, (drives,).
+    """Return the logarithm of the root mean square error of each drive, (drives,).
 
     Parameters
     ----------
@@ -267,10 +267,10 @@ def compute_log_errors(
     errors : (drives, n, 3) array
         The filter's pose minus the true one [m, m, rad].
     minimise : str
-        "heading" takes the error of the heading [rad], "goal-error" that of the position over the
-        last metre, "rmse" and "lost" that of the position [m].
+        "heading" takes the heading error [rad], "goal-error" the position error over the last
+        metre [m], "rmse" and "lost" the position error [m].
     max_error : float
-        Error as which larger ones count [m, or rad].
+        Upper limit of the errors; larger errors count as this [m, or rad].
     """
     if minimise == "heading":
         squares = errors[..., 2] ** 2
@@ -344,7 +344,7 @@ class DriveStatistics(EqualByValue):
     @property
     def off_at_end_rate(self) -> Interval:
         """Share of the drives that were off at the end."""
-        if not len(self.off_at_end):  # of a choice that an older locplan saved
+        if not len(self.off_at_end):  # loaded from a file of an older locplan
             return NO_INTERVAL
         return compute_wilson_interval(float(self.off_at_end.mean()), len(self.off_at_end))
 
@@ -500,7 +500,7 @@ class CandidateRunner:
         )
 
     def summarize_drives(self, path: int, race_result: RaceResult) -> DriveStatistics:
-        """What is shown of a candidate: the drives from 0 on, or those of the race."""
+        """Return a candidate's statistics over the drives from 0 on, or over the race."""
         numbers = range(FIRST_CHOOSING_DRIVE, FIRST_CHOOSING_DRIVE + ROUNDS[-1])
         if leads := path in (0, race_result.leader):
             numbers = race_result.drives
@@ -528,7 +528,7 @@ class CandidateRunner:
         return dict(zip(path_numbers, arrivals_by_name.values(), strict=True))
 
     def drive_rival(self, race_result: RaceResult) -> DriveStatistics | None:
-        """Drives of the shortest path with the rival's filter, beside those that are shown."""
+        """Drive the shortest path with the rival's filter, paired with the reported drives."""
         rival = self._settings.find_rival(self._simulator.robot.filter)
         if rival is None:
             return None

@@ -152,9 +152,9 @@ class Decision:
     rival: DriveStatistics | None
     """Drives along the shortest path with the tuned filter."""
     settings: RecommendationSettings
-    """What decided."""
+    """Settings of the decision."""
     filter: Filter
-    """The robot's own filter."""
+    """The robot's filter."""
     status: str
     """"solved", or why there is no path."""
     note: str
@@ -257,7 +257,7 @@ def format_change(ratio: Interval, minimise: str) -> str:
     Parameters
     ----------
     ratio : Interval
-        Ratio of the error to that of the baseline.
+        Ratio of the error to the baseline's error.
     minimise : str
         The error, see `RecommendationSettings.minimise`.
     """
@@ -300,7 +300,7 @@ def format_reached(decision: Decision) -> str:
 
 
 def list_advice(decision: Decision) -> list[str]:
-    """Return sentences on what may matter more than the path, the one to tune first at first."""
+    """Return sentences on faults that may matter more than the path, tuning first."""
     return [sentence for sentence in _iterate_advice(decision) if sentence]
 
 
@@ -356,8 +356,8 @@ def format_tuning_fails(decision: Decision) -> str:
 def compare_tuning(decision: Decision) -> Verdict | None:
     """Return the verdict on tuned settings on the shortest path; None if a path gains as much.
 
-    Tuned settings must be better than the robot's own there, and on the recommended path. They are
-    compared in the drives that all have in common: same worlds, same random numbers.
+    Tuned settings must beat the robot's settings there and on the recommended path. The comparison
+    uses the drives that all have in common: same worlds, same random numbers.
     """
     recommended, shortest, rival = decision.recommended_candidate, decision.shortest, decision.rival
     if not (rival and recommended and shortest and recommended.driven and shortest.driven):
@@ -383,7 +383,7 @@ def compare_tuning(decision: Decision) -> Verdict | None:
 
 
 def format_tuned_settings(decision: Decision) -> str:
-    """Return the settings of the filter that was driven next to the robot's own."""
+    """Return the tuned settings of the filter as text."""
     rival = decision.settings.rival
     if rival not in (None, SAFE_AMCL):
         return rival.title
@@ -451,7 +451,7 @@ def format_evidence(decision: Decision) -> str:
 
 
 def list_notes(decision: Decision) -> list[str]:
-    """Return what the table's marks mean."""
+    """Return the legend of the table's marks."""
     starts = {
         candidate.driven.numbers.start for candidate in decision.candidates if candidate.driven
     }
@@ -463,7 +463,7 @@ def list_notes(decision: Decision) -> list[str]:
 
 
 def _scale_error(statistics: DriveStatistics, shortest: DriveStatistics) -> Interval:
-    """The error as if it were driven in the shortest path's drives, without an interval."""
+    """Return the error scaled to the shortest path's drives, without an interval."""
     return Interval(statistics.ratio.value * shortest.error.value, math.nan, math.nan)
 
 
@@ -476,7 +476,7 @@ def _format_error(error: Interval, is_angle: bool) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recommendation(Result, StoredResult):
-    """The path to take between two places, and the candidates beside it."""
+    """The recommended path between two places, and the candidates that it was chosen from."""
 
     kind: ClassVar[str] = "choice"
     suffix: ClassVar[str] = ".json"
@@ -507,23 +507,23 @@ class Recommendation(Result, StoredResult):
     candidates: tuple[Candidate, ...]
     """Candidates, the shortest path first; none if no path leads to the goal."""
     settings: RecommendationSettings
-    """What bound the candidates, and what decided."""
+    """Limits of the candidates, and settings of the decision."""
     robot: Robot
-    """The robot, which was driven where its lidar is known."""
+    """The robot, which was driven if its lidar is known."""
     seed: int
     """Seed of all random numbers."""
     status: Literal["solved", "unreachable", "infeasible", "timeout", "not found"]
     """"solved", or why there is no path, see `Plan.status`."""
     note: str = ""
-    """What there is to say beside: why nothing was driven, or why there is no path."""
+    """Why nothing was driven, or why there is no path; otherwise empty."""
     left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """Why each other path that was planned or given is no candidate, by its name."""
     judgement: RaceResult | None = None
-    """The race and its confirmation; None where nothing was driven."""
+    """The race and its confirmation; None if nothing was driven."""
     rival: DriveStatistics | None = None
     """Drives along the shortest path with the filter of `RecommendationSettings.rival`."""
     costs: Costmap | None = dataclasses.field(default=None, compare=False)
-    """Costmap that the paths were measured on; None in a choice that was loaded."""
+    """Costmap that the paths were measured on; None if the recommendation was loaded."""
 
     def __repr__(self) -> str:
         return f"Recommendation({self.map['name'] or 'map'}, {self.sentence})"
@@ -542,12 +542,12 @@ class Recommendation(Result, StoredResult):
 
     @property
     def verdict(self) -> str:
-        """The verdict on the winner of the race; empty where nothing was driven."""
+        """The verdict on the winner of the race; empty if nothing was driven."""
         return self.judgement.verdict if self.judgement else ""
 
     @property
     def best(self) -> int:
-        """Index of the candidate to take: the aware path of the field where nothing was driven."""
+        """Index of the recommended candidate: the field's aware path if nothing was driven."""
         if self.judgement is None:
             return int(len(self.candidates) > 1 and self.candidates[1].planner != "")
         takes = (
@@ -557,14 +557,14 @@ class Recommendation(Result, StoredResult):
 
     @property
     def _arrivals(self) -> list[Arrivals]:
-        """Closed-loop drives of the shortest path, and of another one that drives speak for."""
+        """Closed-loop drives of the shortest path, and of the leader if it was better."""
         return [
             candidate.arrivals for candidate in self.candidates if candidate.arrivals is not None
         ]
 
     @property
     def _has_fewer_arrivals(self) -> bool:
-        """Whether the robot arrives too seldom by the winner of the race."""
+        """True if the robot reaches the goal too rarely on the winner of the race."""
         if len(self._arrivals) < 2:
             return False
         shortest, leader = self._arrivals
@@ -578,17 +578,17 @@ class Recommendation(Result, StoredResult):
 
     @property
     def recommended_candidate(self) -> Candidate | None:
-        """Candidate to take; None if there is no path."""
+        """The recommended candidate; None if there is no path."""
         return self.candidates[self.best] if self.candidates else None
 
     @property
     def recommended_name(self) -> str:
-        """Name of the candidate to take; empty if there is no path."""
+        """Name of the recommended candidate; empty if there is no path."""
         return self.recommended_candidate.name if self.recommended_candidate else ""
 
     @property
     def path(self) -> Path | None:
-        """Path to take; None if there is none."""
+        """The recommended path; None if there is none."""
         return self.recommended_candidate.path if self.recommended_candidate else None
 
     @property
@@ -606,32 +606,32 @@ class Recommendation(Result, StoredResult):
 
     @property
     def leader(self) -> Candidate | None:
-        """Candidate that the verdict is on, or the one to take where nothing was driven."""
+        """Candidate that the verdict is on, or the recommended one if nothing was driven."""
         return self._decision.leader
 
     @property
     def sentence(self) -> str:
-        """Which path to take, in a sentence or two."""
+        """The recommended path in one or two sentences."""
         return format_answer(self._decision)
 
     @property
     def reached_text(self) -> str:
-        """How many robots reach the goal in closed loop, in words; empty if none was driven."""
+        """Sentence on the closed-loop drives that reach the goal; empty if none was driven."""
         return format_reached(self._decision)
 
     @property
     def advice(self) -> list[str]:
-        """Sentences on what may matter more than the path; the first may say to tune first."""
+        """Sentences on faults that may matter more than the path, tuning first."""
         return list_advice(self._decision)
 
     @property
     def answer(self) -> list[str]:
-        """The whole answer in sentences, what gains most first."""
+        """All sentences of the answer, the largest gain first."""
         return list_answer(self._decision)
 
     @property
     def is_tuning_first(self) -> bool:
-        """True if other settings of the filter gain more than any path."""
+        """True if tuned settings of the filter gain more than any path."""
         return compare_tuning(self._decision) is not None
 
     @property
@@ -641,7 +641,7 @@ class Recommendation(Result, StoredResult):
 
     @property
     def drives_text(self) -> str:
-        """Which drives and which robot are shown, in words."""
+        """Text on the shown drives and their robot."""
         if self.judgement is None:
             return ""
         return f"Open-loop drives with {self.robot.title}; seed {self.seed}"
@@ -652,7 +652,7 @@ class Recommendation(Result, StoredResult):
         return config_from_costs(self.about, self.robot.lidar)
 
     def with_field(self, field: CovarianceField) -> Recommendation:
-        """The same with a costmap of a field, which a choice that was loaded lacks.
+        """Return a loaded recommendation with the costmap of a field, to draw or export it.
 
         Parameters
         ----------
@@ -662,25 +662,28 @@ class Recommendation(Result, StoredResult):
         Raises
         ------
         ConfigError
-            If it is that of another map.
+            If the field belongs to another map.
         """
         return dataclasses.replace(self, costs=rebuild_costmap(self.about, field))
 
     def costmap(self) -> Costmap:
-        """The costmap on which the path to take costs least, such as for `locplan.export`.
+        """Return the costmap on which the recommended path is cheapest, such as to export it.
 
-        A path that was given, or of a planner that was driven, costs 1 a metre, and 9 off it.
+        On a user's path, or a path of a user's planner, a metre costs 1, and 9 off it.
 
         Raises
         ------
         ConfigError
-            If there is no path, or the choice was loaded; `with_field` gives it a costmap.
+            If there is no path, or no costmap because the recommendation was loaded; call
+            `with_field` first.
         """
         recommended, costs = self.recommended_candidate, self.costs
         if recommended is None:
-            raise ConfigError(f"the choice has no path: {self.sentence}")
+            raise ConfigError(f"the recommendation has no path: {self.sentence}")
         if costs is None:
-            raise ConfigError("a choice that was loaded has no costmap; give it with_field(field)")
+            raise ConfigError(
+                "a loaded recommendation has no costmap; call with_field(field) first"
+            )
         if recommended.planner and recommended is not self.shortest:
             return costs
         paths = {candidate.name: candidate.path for candidate in self.candidates}
@@ -689,7 +692,7 @@ class Recommendation(Result, StoredResult):
         )
 
     def table(self) -> Table:
-        """The candidates, a row each; of driven ones, the first column marks the one to take."""
+        """Return a row per candidate; the first column marks the recommended one if driven."""
         columns = CANDIDATE_COLUMNS if self.judgement else PLAN_COLUMNS
         if self.settings.minimise == "heading":
             columns = tuple(
@@ -699,17 +702,19 @@ class Recommendation(Result, StoredResult):
                 for column in columns
             )
         marks = Column(
-            "chosen", title="", value=lambda each: ">" if each is self.recommended_candidate else ""
+            "chosen",
+            title="",
+            value=lambda candidate: ">" if candidate is self.recommended_candidate else "",
         )
         return Table.from_records((marks, *columns) if self.judgement else columns, self.candidates)
 
     def report(self, *related: Any, **details: Any) -> str:
-        """The answer, the table of the drives, and why other paths are no candidates.
+        """Return the answer, the table of the drives, and why paths are no candidates.
 
         Parameters
         ----------
         *related, **details
-            What `save` takes, of which it says nothing.
+            Accepted as by `save`, and ignored.
         """
         if not self.candidates:
             return self.sentence
@@ -758,7 +763,7 @@ class Recommendation(Result, StoredResult):
             save_figure(history_figure(plans), folder / "history.png")
 
     def _plan_from_candidate(self, candidate: Candidate) -> Plan:
-        """A candidate as a plan, for the figure of its search."""
+        """Return a candidate as a plan, for the figure of its search."""
         costs, history = self.costs, candidate.history
         return Plan(
             *(
@@ -778,8 +783,8 @@ class Recommendation(Result, StoredResult):
         """Draw the candidates over the map, the recommended path strongest, and the errors along
         it.
 
-        Where nothing was driven, the degeneracy u along the paths is drawn instead. A choice that
-        was loaded has no map to draw.
+        If nothing was driven, draw the degeneracy u along the paths instead. A loaded
+        recommendation has no map to draw.
         """
         from locplan.simulation.figures import recommendation_figure
 

@@ -46,18 +46,18 @@ from locplan.simulation.worlds import check_single_map
 
 @dataclass(frozen=True)
 class MapRecommendation:
-    """The choice for one query."""
+    """The recommendation for one query."""
 
     map: str
     """Name of the map."""
     query: Query
-    """Start and goal that were asked for."""
+    """Start and goal."""
     recommendation: Recommendation
-    """The candidates of the query, and the one to take."""
+    """The recommended path, and the candidates of the query."""
 
     @property
     def lengths(self) -> tuple[float, float]:
-        """Length of the shortest and of the chosen path [m]; NaN without a path."""
+        """Length of the shortest and of the recommended path [m]; NaN without a path."""
         return self._evaluate_both(lambda candidate: candidate.path.length)
 
     @property
@@ -92,7 +92,7 @@ class MapRecommendation:
 
 
 def _make_column_pair(name: str, values: str, unit: str = "") -> tuple[Column, Column]:
-    """Columns of a pair of values, of the shortest and of the chosen path."""
+    """Return the columns of a pair of values, of the shortest and of the recommended path."""
     shortest = Column(
         f"{name}_shortest",
         unit,
@@ -107,10 +107,10 @@ def _make_column_pair(name: str, values: str, unit: str = "") -> tuple[Column, C
 
 @dataclass(frozen=True, repr=False)
 class Recommendations:
-    """Choices for many queries; intervals are over the queries that have a path.
+    """Recommendations for many queries; intervals are over the queries that have a path.
 
-    Errors are those of the drives that confirmed the choice: those of paths that were taken are
-    promised some 10 % too small.
+    Errors come from the drives that confirmed the recommendation. Those along detours are about
+    10 % too small.
     """
 
     files: ClassVar[ResultFiles] = ResultFiles(
@@ -120,14 +120,14 @@ class Recommendations:
             "choices.csv": "the recommended path of each query",
         },
     )
-    """The file of the folder that `save` writes, beside a folder for each choice."""
+    """The file that `save` writes next to a folder for each recommendation."""
 
     recommendations: tuple[MapRecommendation, ...]
-    """Choices in the order of the maps and of their queries."""
+    """Recommendations in the order of the maps and of their queries."""
 
     def __repr__(self) -> str:
         ratio = f"error {self.error_ratio.value:.2f} of the shortest's"
-        return f"Recommendations({len(self)} queries, {self.n_detours} left the shortest, {ratio})"
+        return f"Recommendations({len(self)} queries, {self.n_detours} detours, {ratio})"
 
     def __len__(self) -> int:
         return len(self.recommendations)
@@ -140,7 +140,7 @@ class Recommendations:
 
     @property
     def solved_recommendations(self) -> tuple[MapRecommendation, ...]:
-        """Choices for the queries that have a path."""
+        """Recommendations for the queries that have a path."""
         return tuple(
             map_recommendation
             for map_recommendation in self.recommendations
@@ -157,21 +157,21 @@ class Recommendations:
 
     @property
     def error_ratio(self) -> Interval:
-        """Ratio of the chosen paths' error to the shortest's: geometric mean over the queries."""
+        """Error of the recommended relative to the shortest paths: geometric mean over queries."""
         return estimate_geometric_mean(
             np.array([e.errors[1] / e.errors[0] for e in self.solved_recommendations])
         )
 
     @property
     def length_ratio(self) -> Interval:
-        """Ratio of the chosen paths' length to the shortest's: geometric mean."""
+        """Length of the recommended relative to the shortest paths: geometric mean."""
         return estimate_geometric_mean(
             np.array([e.lengths[1] / e.lengths[0] for e in self.solved_recommendations])
         )
 
     @property
     def lost(self) -> tuple[float, float]:
-        """Share of lost drives along the shortest and the chosen paths: means over the queries."""
+        """Share of lost drives along the shortest and recommended paths: means over queries."""
         return self._compute_means("lost")
 
     @property
@@ -191,15 +191,15 @@ class Recommendations:
         return shortest, recommended
 
     def table(self) -> Table:
-        """A row per query: both ends, and the figures of the shortest and of the chosen path."""
+        """Return a row per query: its ends, and figures of the shortest and recommended path."""
         columns = (
             Column("map", title="map"),
-            Column("query", title="query", value=lambda each: each.query.name),
-            Column("start_x", "m", value=lambda each: each.query.start[0]),
-            Column("start_y", "m", value=lambda each: each.query.start[1]),
-            Column("goal_x", "m", value=lambda each: each.query.goal[0]),
-            Column("goal_y", "m", value=lambda each: each.query.goal[1]),
-            Column("chosen", value=lambda each: each.recommendation.recommended_name),
+            Column("query", title="query", value=lambda row: row.query.name),
+            Column("start_x", "m", value=lambda row: row.query.start[0]),
+            Column("start_y", "m", value=lambda row: row.query.start[1]),
+            Column("goal_x", "m", value=lambda row: row.query.goal[0]),
+            Column("goal_y", "m", value=lambda row: row.query.goal[1]),
+            Column("chosen", value=lambda row: row.recommendation.recommended_name),
             *_make_column_pair("length", "lengths", "m"),
             *_make_column_pair("error", "errors"),
             *(
@@ -211,7 +211,7 @@ class Recommendations:
         return Table.from_records(columns, self.recommendations)
 
     def report(self) -> str:
-        """Text of what the choices bring, one row per map and one of all maps."""
+        """Return the gain of the recommended paths as text, a row per map and one for all maps."""
         names = dict.fromkeys(map_recommendation.map for map_recommendation in self)
         groups = {name: Recommendations(tuple(e for e in self if e.map == name)) for name in names}
         if len(groups) > 1:
@@ -239,28 +239,29 @@ class Recommendations:
             ratios = group.length_ratio.value, group.error_ratio
             rows.append((name, solved, group.n_detours, *ratios, shares))
         return (
-            f"{Table(columns, tuple(rows))}\ndetours leave the shortest path; chosen over shortest,"
-            " by the drives that\nconfirmed it [95 % intervals]; lost, off at the end: by"
-            f" > {LOST_DISTANCE:g} m"
+            f"{Table(columns, tuple(rows))}\n"
+            "detours: recommended paths other than the shortest\n"
+            "length, error: ratio of the recommended to the shortest path [95 % interval]\n"
+            f"lost, off at the end: by more than {LOST_DISTANCE:g} m"
         )
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the table and a folder for each choice, such as for ``locplan export --choice``.
+        """Write the table and a folder per recommendation, for ``locplan export --choice``.
 
         Parameters
         ----------
         folder : path
-            Folder of the choices, which need not exist. A choice's folder in it has the query's
-            name, behind the map's where there are several maps.
+            Folder of the recommendations, which need not exist. Each subfolder has the query's
+            name, preceded by the map's name if there are several maps.
         force : bool, default False
-            True overwrites files of the same names and removes other results; other files stay.
+            True replaces results in the folder; unrelated files stay.
 
         Raises
         ------
         LocplanError
             If a file cannot be written, or two queries have the same name.
         """
-        target = check_file_path("a folder of choices", folder)
+        target = check_file_path("a folder of recommendations", folder)
         several = len({map_recommendation.map for map_recommendation in self}) > 1
         homes: dict[str, MapRecommendation] = {}
         for map_recommendation in self:
@@ -270,7 +271,7 @@ class Recommendations:
                 else map_recommendation.query.name
             )
             if name in homes:
-                raise ConfigError(f"two choices would be saved as {name}; rename one")
+                raise ConfigError(f"two recommendations would be saved as {name}; rename one query")
             homes[name] = map_recommendation
         with self.files.into(target, force=force).writing() as new:
             for name, map_recommendation in homes.items():
@@ -280,7 +281,7 @@ class Recommendations:
 
 
 def read_recommendations(*paths: str | os.PathLike[str]) -> dict[str, Recommendation]:
-    """Read choices from their folders, by the names of these folders.
+    """Read recommendations from their folders, by the names of these folders.
 
     Parameters
     ----------
@@ -291,28 +292,30 @@ def read_recommendations(*paths: str | os.PathLike[str]) -> dict[str, Recommenda
     Raises
     ------
     LocplanError
-        If a folder has no choice, a choice cannot be read, or two folders have the same name.
+        If a folder has no recommendation, one cannot be read, or two folders have the same name.
     """
     recommendations: dict[str, Recommendation] = {}
-    for path in (check_file_path("a folder of a choice", path_like) for path_like in paths):
+    for path in (check_file_path("a folder of a recommendation", path_like) for path_like in paths):
         folders = [path.parent if path.is_file() else path]
         if path.is_dir() and not (path / CHOICE).exists():
             folders = sorted(file.parent for file in path.glob(f"*/{CHOICE}"))
         if not folders:
-            raise LocplanError(f"{path}: has no choice; name a folder that plan or save wrote")
+            raise LocplanError(
+                f"{path}: has no recommendation; name a folder that plan or save wrote"
+            )
         for folder in folders:
             name = folder.resolve().name
             if name in recommendations:
-                raise LocplanError(f"two folders of choices are called {name}; rename one")
+                raise LocplanError(f"two folders of recommendations are called {name}; rename one")
             recommendations[name] = Recommendation.load(path if path.is_file() else folder)
     return recommendations
 
 
 CHOICE = f"{Recommendation.kind}{Recommendation.suffix}"
-"""The file of a choice in its folder."""
+"""The file of a recommendation in its folder."""
 
 IN_FLIGHT = 64
-"""Maximum number of choices at an executor at once, which bounds the memory of their maps."""
+"""Maximum number of queries at an executor at once, which bounds the memory of their maps."""
 
 
 class _QueryCase(NamedTuple):
@@ -337,7 +340,7 @@ def recommend_paths(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Recommendations:
-    """Choose among driven paths, as `recommend_path` does, for many queries.
+    """Recommend a path for each of many queries, as `recommend_path` does.
 
     The fields of the maps are computed, or read from the cache, in this process.
 
@@ -347,20 +350,20 @@ def recommend_paths(
         Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
     queries : int, path, sequence, or mapping of them by map, default 10
         Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
-        goal_y [m], or of name, x, y [m] of stations, each two of which are one; `Query` objects, or
+        goal_y [m], or of name, x, y [m] of stations, each pair a query; `Query` objects, or
         (start, goal) pairs [m].
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.load` reads.
+        your robot, such as from `Robot.load`.
     settings : RecommendationSettings, optional
         Limits of the candidates, the number of drives, and the error that decides.
     executor : concurrent.futures.Executor, optional
-        Executor that runs each choice as one task on one thread: a process pool, or a cluster by
-        dask.distributed's ``client.get_executor()``. Its workers need locplan. By default the
-        choices are made here, one after the other. The results do not depend on it.
+        Executor that runs each query as one task on one thread: a process pool, or a cluster by
+        dask.distributed's ``client.get_executor()``. Its workers need locplan. By default this
+        process runs the queries one by one. The results do not depend on it.
     seed : int, default 1
-        Seed of the random numbers of the first choice, >= 0; that of each further one is greater
-        by 1, so that the choices are independent.
+        Seed of the random numbers of the first query, >= 0; it rises by 1 per query, so that the
+        queries are independent.
     min_distance : float, default 10.0
         Minimum straight distance between start and goal of random queries [m], >= 0. Lower it on a
         small map.
@@ -374,7 +377,7 @@ def recommend_paths(
     Returns
     -------
     Recommendations
-        The choices in the order of the maps and of their queries.
+        The recommendations in the order of the maps and of their queries.
 
     Raises
     ------
@@ -495,7 +498,7 @@ def recommend_for_case(
 
 @contextmanager
 def _name_query_in_errors(name: str, query: Query) -> Iterator[None]:
-    """Tell in errors which query they are about."""
+    """Name the map and the query in errors."""
     try:
         yield
     except LocplanError as error:

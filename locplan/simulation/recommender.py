@@ -1,4 +1,4 @@
-"""The choice of a path: candidates, a race, a confirmation, and one answer."""
+"""Recommendation of a path: candidates, a race, a confirmation, and one answer."""
 
 from __future__ import annotations
 
@@ -77,21 +77,19 @@ def recommend_path(
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Recommendation:
-    """Choose the path to take: drive candidates in simulation until one is shown to be better.
+    """Recommend a path: simulate drives along candidates until one is shown to be better.
 
-    Candidates are the shortest path, the one on the robot's own inflated costmap, paths clear of
-    walls, ways around, and localizability-aware paths. They race over a few drives; the leading
-    ones and the shortest are then driven afresh until the ratio of their errors is known. Only a
-    path that is better by a tenth or more, and loses no more drives, replaces the shortest; and
-    only if the robot, steered by its filter in some closed-loop drives of both, arrives about as
-    often.
-    Where the shortest path is kept, such drives of it show how often the robot arrives.
+    Candidates are the shortest path, the shortest path on the robot's inflated costmap, paths clear
+    of walls, ways around, and localizability-aware paths. They race over a few drives. Fresh drives
+    of the leaders and the shortest path then estimate the ratio of their errors. A path replaces
+    the shortest if its error is at least a tenth smaller and it loses no more drives. The robot
+    must also reach the goal about as often in closed-loop drives. If the shortest path is kept,
+    such drives of it show how often the robot reaches the goal.
 
-    Candidates of a robot with an outline or a turning radius are those of the lattice planner, so
-    that it can drive all of them.
+    For a robot with an outline or a turning radius, the lattice planner plans all candidates, so
+    that the robot can drive them.
 
-    Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
-    the path to take, untested, beside the shortest one.
+    Without a known lidar, nothing is driven: the field's aware path is then recommended untested.
 
     Parameters
     ----------
@@ -100,16 +98,16 @@ def recommend_path(
     start, goal : (x, y), or (x, y, heading) for planners with headings and car-like robots
         Positions in the world [m, rad].
     robot : Robot, optional
-        The robot, which is known when its lidar is, such as ``Robot("turtlebot4")``, or what
-        `Robot.load` reads. A field that simulates a lidar names it, too.
+        The robot, such as ``Robot("turtlebot4")``, or from `Robot.load`. Its lidar may also come
+        from a field that simulates one.
     costs : Costmap or FieldConfig, optional
         A costmap of this map, to plan on: ``Costmap.blank(grid)`` does without a field. Or settings
         of the field; by default it is `Fused` for the lidar, or `Sad` without one. A field that
-        simulates a lidar has its `stride` near the aware paths, and twice as much elsewhere.
+        simulates a lidar has its `stride` near the aware paths, and twice the stride elsewhere.
     zones : Zones, optional
-        The zones: no candidate crosses a no-go one, and robots that plan again in closed-loop
-        drives keep out of them. Outside preferred zones every candidate but the shortest path
-        pays 1 more per metre. A costmap has its own.
+        The zones, unless `costs` is a costmap with its zones. No candidate crosses a no-go
+        zone, nor do robots that plan again in closed-loop drives. Outside preferred zones every
+        candidate but the shortest path pays 1 more per metre.
     candidates : sequence or mapping by name, default ()
         Further candidates: paths, arrays of positions (n, 2) [m], plans, Pareto fronts, planners
         or their names.
@@ -118,7 +116,7 @@ def recommend_path(
     settings : RecommendationSettings, optional
         Limits of the candidates, the number of drives, and the error that decides.
     seed : int, default 1
-        Seed of all random numbers, >= 0; equal seeds give equal choices, on any number of threads,
+        Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads,
         unless the time limit ends the drives.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
@@ -128,7 +126,7 @@ def recommend_path(
     Returns
     -------
     Recommendation
-        Its `path` is None if no path leads to the goal or keeps the limits; `status` says why.
+        Its `path` is None if no path leads to the goal or keeps the limits, see `status`.
 
     Raises
     ------
@@ -192,7 +190,7 @@ def recommend_path(
     if reason := _find_reason_not_driven(problem, space):
         return _recommend_untested(problem, user_candidates, shortest, seed, reason)
     if problem.start == problem.goal and not settings.via:
-        raise ConfigError("start and goal are one place; a choice needs a way to drive")
+        raise ConfigError("start and goal are the same place; move one of them")
     simulator = Simulator(
         grid, robot, filter_map=settings.filter_map, seed=seed, threads=threads, zones=zones
     )
@@ -206,7 +204,7 @@ def _recommend_by_drives(
     simulator: Simulator,
     progress: ProgressCallback | None,
 ) -> Recommendation:
-    """The choice among candidates that are driven."""
+    """Recommend one of the candidates by simulated drives."""
     settings = problem.settings
     costs, _ = problem.compute_costmap(
         lambda costs: SearchRegion.around_path(costs, first, problem).plan_aware_paths(
@@ -332,7 +330,7 @@ def _recommend_untested(
     seed: int,
     reason: str,
 ) -> Recommendation:
-    """The aware path of the field beside the shortest one, of which none is driven."""
+    """Recommend the aware path of the field over the shortest path without any drive."""
 
     def plan_paths(costs: Costmap) -> list[Path]:
         plans = problem.plan_aware_and_shortest(costs)
@@ -374,7 +372,7 @@ def _recommend_untested(
 
 
 def _format_plan_note(candidate_plan: Plan) -> str:
-    """What a plan says of its path beside its metrics, and beside the note of its costmap."""
+    """Return the note of a plan on its path, without the note of its costmap."""
     note = (
         candidate_plan.note.removesuffix(candidate_plan.costs.note).rstrip("; ")
         if candidate_plan.costs

@@ -182,26 +182,26 @@ def simulate(
 ) -> Simulation:
     """Drive some paths of one map with a particle filter.
 
-    The robot follows the path exactly, whatever the filter believes, but in closed-loop drives, in
-    which a pursuit follower steers it by the filter's pose: they show whether it arrives.
+    In open-loop drives the robot follows the path exactly. In closed-loop drives a pursuit follower
+    steers it by the filter's pose; they show whether it reaches the goal.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     paths : mapping of str to Path, or to (n, 2) array
-        Paths by name, each within the free cells; the others are compared with the first. Arrays
-        are positions in the world [m].
+        Paths by name, each within the free cells; the first is the baseline. Arrays are positions
+        in the world [m].
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.load` reads.
+        your robot, such as from `Robot.load`.
     drives : int, default 100
         Number of drives along each path, 2 to 100,000. Fewer are quicker, and widen the intervals.
     closed : Closed, optional
-        Closed-loop drives along each path besides; none by default.
+        Settings of additional closed-loop drives along each path; none by default.
     filter_map : OccupancyGrid, optional
-        The filter's map in the same frame, where it differs from the one that is driven in; its
-        resolution, origin and size may differ, too.
+        The filter's map, in the frame of `grid`, if it differs; by default `grid`. Resolution,
+        origin and size may also differ.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional

@@ -38,18 +38,18 @@ class Simulator:
         The robot's map.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.load` reads.
+        your robot, such as from `Robot.load`.
     filter_map : OccupancyGrid, optional
-        The filter's map in the same frame, where it differs, as one does that was made before
-        something was moved. Its resolution, origin and size may differ, too. Single scans are
-        matched on `grid`.
+        The filter's map, in the frame of `grid`, if it differs, such as a map from before shelves
+        were moved. Resolution, origin and size may also differ. Single scans are matched on
+        `grid`.
     seed : int, default 1
-        Seed of all random numbers, >= 0. Those of drive n depend on the seed, the route and n only,
-        see `locplan.simulation.driver`.
+        Seed of all random numbers, >= 0. Drive n depends on the seed, the route and n only, see
+        `locplan.simulation.driver`.
     threads : int, optional
         Number of threads, at least 1; all cores by default. The results do not depend on it.
     stretch : float, default 1.0
-        Ratio of the world's lengths to those of the map: not 1 if the map's resolution is wrong.
+        Ratio of the world's lengths to the map's lengths: not 1 if the map's resolution is wrong.
         Open-loop drives only.
     zones : Zones, optional
         The zones: a robot that plans again in a closed-loop drive keeps out of the no-go ones.
@@ -57,7 +57,7 @@ class Simulator:
     Raises
     ------
     ConfigError
-        If seed or threads are out of their range, or the maps do not overlap; in its methods, too,
+        If seed or threads are out of their range, or the maps do not overlap. Its methods raise it
         if worlds, drives or scans take more memory than there is.
     """
 
@@ -104,7 +104,7 @@ class Simulator:
             return list(pool.map(make, range(count)))
 
     def make_line(self, poses: Poses) -> DriveLine:
-        """Poses in the own axes of both maps, as drives take them.
+        """Return poses in the axes of both maps, as drives take them.
 
         Parameters
         ----------
@@ -120,13 +120,12 @@ class Simulator:
     def make_line_setups(
         self, path: Path, poses: Poses, level: Level
     ) -> tuple[tuple[DriveLine, DriveArguments], ...]:
-        """The line of a path at a level, with the arguments of the kernels: drives take them in
-        turn.
+        """Return pairs of line and kernel arguments of a path at a level, for drives in turn.
 
         Parameters
         ----------
         path : Path
-            The path, which the level can affect.
+            A path that the level can affect.
         poses : (n, 3) array
             The poses along it in the world [m, m, rad].
         level : Level

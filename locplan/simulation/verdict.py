@@ -1,9 +1,8 @@
 """The verdict on two sets of simulated drives, the one definition of "better".
 
 The n-th drives of both sets have the same world and the same random numbers, so that they are
-compared in pairs. Two tests share the error probability of 2.5 %: that of the errors takes
-Student's interval of the paired logarithms, and that of the lost drives the exact sign test of the
-pairs of which only one is lost.
+compared in pairs. Two tests share the error probability of 2.5 %: Student's interval of the paired
+logarithms for the errors, and the exact sign test of the pairs with one lost drive for the losses.
 """
 
 from __future__ import annotations
@@ -130,7 +129,7 @@ class DriveSet:
         Parameters
         ----------
         sets : sequence of DriveSet
-            The sets; what is not known of one is not known of all.
+            The sets; a field that one set lacks is missing in the result.
         """
 
         def concatenate_known(parts: Sequence[Bools | None]) -> Bools | None:
@@ -240,7 +239,7 @@ def evaluate_look(
     looks_left : int or None, default 0
         Number of looks that may follow, if there are several; None if this is the only one.
     n_alternatives : int, default 1
-        Number of alternatives of which the best is taken; they share the error probability.
+        Number of alternatives to select the best from; they share the error probability.
     """
     from scipy.special import bdtr
 
@@ -358,7 +357,7 @@ def confirm_alternative(
 
 
 def plan_looks(n_drives: int) -> list[int]:
-    """Return the numbers of drives at which a caller looks.
+    """Return the numbers of drives after which a caller tests.
 
     Parameters
     ----------
@@ -374,7 +373,7 @@ def plan_looks(n_drives: int) -> list[int]:
 
 
 def _compute_error_probability(looks_left: int | None) -> float:
-    """Return the probability with which a test may err at a look before some others."""
+    """Return the error probability of a test at a look, given the looks left."""
     if looks_left is None:
         return ERROR_PROBABILITY
     from scipy.special import ndtr

@@ -1,4 +1,4 @@
-"""Where simulated drives lead: poses along paths, the part of a map, and its worlds."""
+"""Poses along paths, the driven part of a map, and its simulated worlds."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LOOKAHEAD = 0.3
 
 
 def make_path_poses(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
-    """Poses every 0.05 m along a path, in its own headings or facing the point 0.3 m ahead.
+    """Return poses every 0.05 m along a path, with its headings or facing 0.3 m ahead.
 
     Parameters
     ----------
@@ -38,12 +38,12 @@ def make_path_poses(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     grid : OccupancyGrid
         The map.
     name : str, default ""
-        What an error calls the path.
+        Name of the path in errors.
 
     Returns
     -------
     (n, 3) array
-        Poses x, y, heading in the world [m, m, rad], closer where the robot turns.
+        Poses x, y, heading in the world [m, m, rad], closer together in turns.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def _make_facing_poses(path: Path, at: Floats) -> Poses:
 
 
 def _insert_turns(poses: Poses) -> Poses:
-    """Poses with further ones inserted where the robot turns by more than `MAX_TURN` at once."""
+    """Return poses with further ones inserted in turns by more than `MAX_TURN` at once."""
     return divide_poses(poses, np.abs(np.diff(poses[:, 2])) / MAX_TURN)
 
 
@@ -164,7 +164,7 @@ class Stage:
     def find_occupied_cells(self, route: int, number: int) -> Bools:
         """Return the cells of the part that are occupied in a drive's world.
 
-        They are those of the whole map's world, whatever the part is.
+        They equal the cells of the whole map's world, whatever the part is.
 
         Parameters
         ----------
@@ -194,20 +194,20 @@ class Stage:
         arguments: DriveArguments,
         level: Level,
     ) -> Floats:
-        """Return the filter's errors on a drive, (n, 3) in the own axes of its map [m, m, rad].
+        """Return the filter's errors on a drive, (n, 3) in the axes of its map [m, m, rad].
 
         Parameters
         ----------
         line : Line
             The poses.
         world : array
-            What `make_world` returned for this drive.
+            The world of this drive, from `make_world`.
         route, number : int
             See `make_world`.
         arguments : DriveArguments
             Arguments of the kernel.
         level : Level
-            The level of disturbance. Its faults have random numbers of their own, so that errors of
+            The level of disturbance. Its faults have separate random numbers, so that errors of
             odometry are the same at all levels.
         """
         from locplan._support.kernels.drives import World, drive, simulate_odometry
@@ -235,7 +235,7 @@ class Stage:
 
 
 def get_inflation(robot: Robot) -> Inflation:
-    """The robot's inflation, or that of Nav2's bringup.
+    """Return the robot's inflation, or the inflation of Nav2's bringup.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ def compute_inflated_density(clearance: Floats, robot: Robot) -> Floats:
 
 
 def rotate_errors(errors: Floats, yaw: float) -> Floats:
-    """Errors turned from the map's own axes into the world's, (..., 3)."""
+    """Return errors (..., 3) turned from the map's axes into the world's axes."""
     if not yaw:
         return errors
     cos, sin = math.cos(yaw), math.sin(yaw)
@@ -270,7 +270,7 @@ def rotate_errors(errors: Floats, yaw: float) -> Floats:
 
 
 def check_filter_map(filter_map: OccupancyGrid | None, grid: OccupancyGrid) -> OccupancyGrid:
-    """The map that a filter has, which is the one that is driven in unless another is given.
+    """Return the filter's map, by default the map that is driven in.
 
     Parameters
     ----------
@@ -302,12 +302,12 @@ def check_filter_map(filter_map: OccupancyGrid | None, grid: OccupancyGrid) -> O
 
 
 def summarize_filter_map(filter_map: OccupancyGrid | None) -> dict[str, object]:
-    """What results say of a filter's own map, fit for JSON; nothing where it has none.
+    """Return the summary of a separate filter map, fit for JSON; empty without one.
 
     Parameters
     ----------
     filter_map : OccupancyGrid or None
-        The filter's map, where it differs from the one that is driven in.
+        The filter's map, if it differs from the driven map.
     """
     if filter_map is None:
         return {}

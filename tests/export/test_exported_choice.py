@@ -169,20 +169,20 @@ def test_a_loaded_choice_is_given_its_field(tmp_path, driven, field):
     choice = taking(driven, AWARE)
     choice.save(tmp_path / "planned")
     loaded = Recommendation.load(tmp_path / "planned")
-    with pytest.raises(ConfigError, match="give it with_field"):
+    with pytest.raises(ConfigError, match="call with_field"):
         loaded.costmap()
     assert loaded.config == field.config
     np.testing.assert_array_equal(
         loaded.with_field(field).costmap().density, choice.costmap().density
     )
     other = environments.make("hall", resolution=0.1)
-    with pytest.raises(ConfigError, match="the choice is of another map"):
+    with pytest.raises(ConfigError, match="the recommendation is for another map"):
         loaded.with_field(covariance_field(other, field.config))
 
 
 def test_a_choice_without_a_path_is_refused(driven):
     nothing = dataclasses.replace(driven, candidates=(), judgement=None, status="unreachable")
-    with pytest.raises(ConfigError, match="the choice has no path: The goal is unreachable"):
+    with pytest.raises(ConfigError, match="the recommendation has no path: The goal is"):
         nothing.costmap()
 
 
@@ -236,8 +236,10 @@ def test_command_exports_choices_as_routes(run, tmp_path, driven):
     two = "--choice", tmp_path / "planned"
     assert "--to path takes one --choice, not 3" in check_refusal(run(*line, "path", *two))
     again = "--choice", there, "--choice", there
-    assert "two folders of choices are called there" in check_refusal(run(*line, "path", *again))
-    assert "has no choice" in check_refusal(run(*line, "path", "--choice", tmp_path))
+    assert "two folders of recommendations are called there" in check_refusal(
+        run(*line, "path", *again)
+    )
+    assert "has no recommendation" in check_refusal(run(*line, "path", "--choice", tmp_path))
     other = dataclasses.replace(driven, robot=dataclasses.replace(ROBOT, footprint=0.3))
     other.save(tmp_path / "other")
     refusal = check_refusal(

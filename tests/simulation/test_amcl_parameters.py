@@ -81,9 +81,7 @@ def test_all_beams_return_in_a_small_room():
 
 def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
     lidar = Lidar(range=4.0)
-    left = BeamCount.on_map(
-        Simulator(hall(30.0), robot=Robot(lidar, filter=Amcl(max_beams=30)))
-    )
+    left = BeamCount.on_map(Simulator(hall(30.0), robot=Robot(lidar, filter=Amcl(max_beams=30))))
     assert 0 < left.returned < 0.5 * left.compared
     (warning,) = left.find_warnings()
     assert str(left) in warning

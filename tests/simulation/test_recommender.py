@@ -879,7 +879,13 @@ def test_a_choice_that_is_saved_is_loaded_as_it_was(better, tmp_path):
     assert Recommendation.load(tmp_path / "a" / "choice.json").path.length == better.path.length
     assert dataclasses.replace(loaded, seed=2) != better
     content = json.loads((tmp_path / "a" / "choice.json").read_text())
-    for broken, words in (({**content, "version": 99}, "of a newer locplan"), ({}, "no choice")):
+    former = {**content, "taken": better.recommended_name, "arrives": better.reached_text}
+    (tmp_path / "former.json").write_text(json.dumps(former))
+    assert Recommendation.load(tmp_path / "former.json") == better
+    for broken, words in (
+        ({**content, "version": 99}, "of a newer locplan"),
+        ({}, "not a choice saved by locplan"),
+    ):
         (tmp_path / "b.json").write_text(json.dumps(broken))
         with pytest.raises(LocplanError, match=words):
             Recommendation.load(tmp_path / "b.json")
@@ -1025,7 +1031,7 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
         ((*ENDS, "--longest", "0.5"), "longest"),
         ((*ENDS, "--path", "wall.csv"), "candidate wall: leaves the free cells"),
         ((*ENDS, "--path", "far.csv"), "'far' has its goal"),
-        ((*ENDS, "--path", "grid.csv", "--planner", "grid"), "rename it"),
+        ((*ENDS, "--path", "grid.csv", "--planner", "grid"), "both named grid; rename the file"),
         ((*ENDS, "--planner", "fastest"), "planner must be one of"),
         ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'"),
         ((*ENDS, "--zones", "grid.csv"), "grid.csv: is not JSON"),
@@ -1146,13 +1152,17 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     assert driven == [0, leader]
     shortest, taken = (better.candidates[n].arrivals for n in driven)
     assert len(shortest.drives) == len(taken.drives) == 16
-    assert abs(taken.count - shortest.count) <= 1
-    fewer = f"But in closed loop, fewer drives reach the goal: {taken.count} of 16, on the shortest"
-    as_many = f"In closed loop, the robot reaches the goal in {taken.count} of 16 drives, on the"
-    is_fewer = taken.count < shortest.count
+    assert abs(taken.n_reached - shortest.n_reached) <= 1
+    fewer = (
+        f"But in closed loop, fewer drives reach the goal: {taken.n_reached} of 16, on the shortest"
+    )
+    as_many = (
+        f"In closed loop, the robot reaches the goal in {taken.n_reached} of 16 drives, on the"
+    )
+    is_fewer = taken.n_reached < shortest.n_reached
     assert better.reached_text.startswith(fewer if is_fewer else as_many)
-    assert better.reached_text.endswith(f" {shortest.count} of 16.")
-    assert with_arrivals(better, 12, taken.count).reached_text == (
+    assert better.reached_text.endswith(f" {shortest.n_reached} of 16.")
+    assert with_arrivals(better, 12, taken.n_reached).reached_text == (
         f"{as_many} shortest path in 12 of 16."
     )
     assert " ".join(better.reached_text.split()) in " ".join(better.report().split())
@@ -1258,7 +1268,7 @@ def test_the_picture_marks_where_robots_go_wrong(better):
         marked = {
             line.get_marker() for line in choice.figure().axes[0].lines if len(line.get_xdata())
         }
-        assert ("x" in marked) == any(each.count < 16 for each in every)
+        assert ("x" in marked) == any(each.n_reached < 16 for each in every)
 
 
 def test_all_marks_are_within_the_picture_and_below_its_ends(better):

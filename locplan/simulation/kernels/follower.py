@@ -3,10 +3,10 @@
 It does what Nav2 does with its regulated pure pursuit controller (RPP) and its default behaviour
 tree (nav2_regulated_pure_pursuit_controller and navigate_to_pose_w_replanning_and_recovery.xml,
 jazzy). Every tenth of a second the robot takes the arc to a point 0.6 m away on the path. If a
-second of that arc leads into a wall, it stands still, since RPP has no other arc to try. Then it
+second of that arc leads into a wall, it stands still, since RPP tries only one arc. Then it
 recovers and tries again, a limited number of times. The drive is aborted after these, or as soon as
 the estimate jumps so far that no part of the path lies in the local costmap. A car-like robot turns
-on no less than its radius and changes its gear where its path does.
+on no less than its radius and changes its gear with its path.
 
 Poses are (x, y, heading) in metres along the columns and rows of the part that is driven in.
 """
@@ -75,7 +75,7 @@ GO, PLAN, ENDED, ABORTED, TIMED_OUT = range(5)
 def decide(
     path: Floats, surroundings: Surroundings, body: Body, period: int, trace: DriveState
 ) -> int:
-    """Write the next command into the trace; GO, or PLAN, or how the drive has ended.
+    """Write the next command into the trace; return GO, PLAN, or the outcome of the drive.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def decide(
     body : Body
         The robot.
     period : int
-        Number of ticks after which a new plan is made though nothing is in the way.
+        Number of ticks after which the robot plans again without an obstacle in its way.
     trace : Trace
         The drive until now.
     """
@@ -228,16 +228,16 @@ def follow(
     perfect: bool,
     trace: DriveState,
 ) -> int:
-    """Drive until a plan is needed or the drive has ended, which the returned decision says.
+    """Drive until a plan is needed or the drive has ended; return this decision.
 
     Parameters
     ----------
     random, sensing : numpy.random.Generator
-        Source of the random numbers of odometry, and of those of the lidar and the filter.
+        Sources of random numbers: of odometry, and of the lidar and the filter.
     path, surroundings, body, period, trace
         As for `decide`.
     frame : (3,) array
-        Pose of the filter map's own axes in the part that is driven in [m, m, rad].
+        Pose of the filter map's axes in the driven part of the map [m, m, rad].
     tracker : Tracker
         The filter, begun.
     scores, lidar, disturbances, odometry, settings
@@ -274,7 +274,7 @@ def follow(
 
 @njit(nogil=True, cache=True)
 def believe(pose: tuple[float, float, float], frame: Floats, trace: DriveState) -> None:
-    """Write the filter's pose, which is in its own map's axes, into the trace."""
+    """Write the filter's pose, given in its map's axes, into the trace."""
     n = trace.counts[TICKS]
     cos, sin = np.cos(frame[2]), np.sin(frame[2])
     trace.believed[n, 0] = frame[0] + cos * pose[0] - sin * pose[1]

@@ -75,7 +75,7 @@ def is_clear(surroundings: Surroundings, body: Body, reach: float, trace: DriveS
 
 @njit(nogil=True, cache=True)
 def advance_to_nearest(path: Floats, x: float, y: float, counts: Ints) -> float:
-    """Return the distance from the path [m], up to where the gear changes; count up to there."""
+    """Return the distance from the path up to its next change of gear [m]; advance the count."""
     first, nearest, distance = counts[AT], counts[AT], np.inf
     for k in range(first, min(first + REACH, len(path))):
         if path[k, 2] != path[first, 2]:
@@ -91,7 +91,7 @@ def advance_to_nearest(path: Floats, x: float, y: float, counts: Ints) -> float:
 
 @njit(nogil=True, cache=True)
 def find_carrot(path: Floats, x: float, y: float, nearest: int) -> int:
-    """Return the index of the point to pursue, up to where the gear changes."""
+    """Return the index of the point to pursue, before the next change of gear."""
     carrot, last = nearest, len(path) - 1
     while (
         carrot < last
@@ -144,7 +144,7 @@ def pursue(path: Floats, body: Body, room: float, trace: DriveState) -> float:
 def is_way_free(path: Floats, surroundings: Surroundings, body: Body, trace: DriveState) -> bool:
     """True if the path ahead keeps the margin of an arc from the walls that the robot sees.
 
-    The robot puts these walls where the filter's pose has them.
+    The robot places these walls relative to the filter's pose.
     """
     n, first = trace.counts[TICKS], trace.counts[AT]
     x, y, heading = trace.truth[n]

@@ -19,7 +19,7 @@ LOW, HALF = np.uint64(11), np.uint64(32)
 def flip_cells(
     stops: Bools, cells: Ints, row: int, col: int, share: float, seed: np.uint64
 ) -> None:
-    """Flip a share of some cells in place, which a hash of the seed and of each cell decides.
+    """Flip a share of some cells in place, selected by a hash of the seed and of each cell.
 
     Parts of a map therefore have the flips of the whole map, and maps that differ in some cells
     have the same flips elsewhere.
