@@ -133,7 +133,7 @@ def check(
     }
     map_faults = faults(grid, source)
     map_faults.check_is_no_mask()
-    report_finding(text.format_faults(map_faults))
+    report_finding(text.format_fault_finding(map_faults))
     correction, paths = _read_map_and_plan_routes(
         grid, source, robot, stations, EFFORTS[effort].max_routes, seed
     )

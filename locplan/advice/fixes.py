@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 from locplan._support.kernels.arrays import Floats
 from locplan._support.progress import ProgressCallback
 from locplan.advice.driving import Scenario, ScenarioRunner
-from locplan.advice.landmark_objects import Pole, with_objects
+from locplan.advice.landmark_objects import Pole, mark_objects
 from locplan.advice.landmarks import place_landmarks
 from locplan.advice.map_reading import MapCorrection
 from locplan.advice.preset_choice import PresetChoice
@@ -230,12 +230,12 @@ def make_poles_fix(scenario: Scenario, threads: int | None) -> Fix | None:
         return None
 
     def apply(old: Scenario) -> Scenario:
-        world = with_objects(old.world, kind, poses)
+        world = mark_objects(old.world, kind, poses)
         same = old.filter_map is old.world
-        filter_map = world if same else with_objects(old.filter_map, kind, poses)
+        filter_map = world if same else mark_objects(old.filter_map, kind, poses)
         return replace(old, world=world, filter_map=filter_map)
 
-    poles = PolePlacement(poses, with_objects(scenario.world, kind, poses))
+    poles = PolePlacement(poses, mark_objects(scenario.world, kind, poses))
     count = f"{len(poses)} poles"
     return Fix(LANDMARKS, count, f"{count} next to the routes", count, apply, artifact=poles)
 

@@ -187,7 +187,7 @@ def parse_object(text: str) -> LandmarkObject:
     )
 
 
-def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]) -> OccupancyGrid:
+def mark_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]) -> OccupancyGrid:
     """Return a copy of a map with equal objects in it.
 
     An object fills the cells whose centre lies inside. An object narrower than two cells also fills
@@ -217,7 +217,7 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
     --------
     >>> from locplan.maps import FREE
     >>> grid = OccupancyGrid(np.full((6, 8), FREE, np.uint8), resolution=0.1)
-    >>> with_objects(grid, Box(0.4, 0.2), [(0.4, 0.3)]).cells[::-1] // FREE
+    >>> mark_objects(grid, Box(0.4, 0.2), [(0.4, 0.3)]).cells[::-1] // FREE
     array([[1, 1, 1, 1, 1, 1, 1, 1],
            [1, 1, 1, 1, 1, 1, 1, 1],
            [1, 1, 0, 0, 0, 0, 1, 1],
@@ -236,7 +236,7 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
 def find_covered_cells(
     grid: OccupancyGrid, kind: LandmarkObject, pose: Floats
 ) -> tuple[Ints, Ints]:
-    """Return rows and columns of the cells that an object fills, see `with_objects`.
+    """Return rows and columns of the cells that an object fills, see `mark_objects`.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def map_poses_from_world(grid: OccupancyGrid, poses: Floats) -> Floats:
 
 
 def find_filled_cells(grid: OccupancyGrid, shape: ObjectShape, pose: Floats) -> tuple[Ints, Ints]:
-    """Return rows and columns of the cells that a shape fills, see `with_objects`.
+    """Return rows and columns of the cells that a shape fills, see `mark_objects`.
 
     `pose` is (row, col, heading) on the map, its heading from the columns' to the rows' axis.
     """

@@ -195,7 +195,7 @@ class RouteSight:
     """`sightings.Sightings` of the places."""
 
     def __post_init__(self) -> None:
-        from locplan._support.kernels.rays import empty_squares
+        from locplan._support.kernels.rays import compute_empty_squares
         from locplan.advice.kernels.landmarks import (
             LandmarkScene,
             MapSurfaces,
@@ -207,7 +207,9 @@ class RouteSight:
         rays, resolution = self.route_views.rays, self.grid.resolution
         count, occupied = len(rays.first), self.grid.cells == OCCUPIED
         self._hits_of_map = np.zeros((count, rays.beams, 4), np.float32)
-        surfaces = MapSurfaces(empty_squares(occupied), find_surface_normals(occupied), resolution)
+        surfaces = MapSurfaces(
+            compute_empty_squares(occupied), find_surface_normals(occupied), resolution
+        )
         cast_map_hits(surfaces, rays, self._hits_of_map)
         self.candidate_poses = np.ascontiguousarray(
             np.column_stack([self.places[:, [1, 0]] * resolution, self.places[:, 2]])

@@ -29,8 +29,8 @@ from locplan.advice.landmark_objects import (
     LandmarkObject,
     check_object,
     map_poses_from_world,
+    mark_objects,
     place_outline,
-    with_objects,
 )
 from locplan.advice.landmark_search import (
     CLEARANCE,
@@ -275,7 +275,7 @@ class Landmarks(Result):
     """The map with the landmarks."""
 
     def __post_init__(self) -> None:
-        set_frozen_fields(self, grid=with_objects(self.setting.grid, self.setting.kind, self.poses))
+        set_frozen_fields(self, grid=mark_objects(self.setting.grid, self.setting.kind, self.poses))
 
     def __repr__(self) -> str:
         low, high = self.expected_deviations[-1], self.expected_deviations[0]
@@ -659,4 +659,4 @@ def _make_random_maps(landmarks: Landmarks, n_sets: int, seed: int) -> list[Occu
     if not all(choices):
         return []
     poses = [poses_from_places(grid, search.places[choice]) for choice in choices]
-    return [with_objects(grid, kind, object_poses) for object_poses in poses]
+    return [mark_objects(grid, kind, object_poses) for object_poses in poses]

@@ -26,7 +26,7 @@ from locplan.simulation.drives import LOST_DISTANCE
 from locplan.simulation.verdict import BETTER
 
 
-def format_faults(map_faults: MapFaults) -> str:
+def format_fault_finding(map_faults: MapFaults) -> str:
     """Return the sentence on the map's faults."""
     kinds = "; ".join(f"{fault.kind}: {fault.message}" for fault in map_faults)
     return f"map: {kinds or 'no faults found'}"

@@ -113,10 +113,10 @@ class Fisher(LidarEstimator):
 
         See `locplan.field.Estimator.prepare`.
         """
-        from locplan._support.kernels.rays import empty_squares
+        from locplan._support.kernels.rays import compute_empty_squares
 
         occupied = levels == OCCUPIED
-        return empty_squares(occupied), find_surface_normals(occupied)
+        return compute_empty_squares(occupied), find_surface_normals(occupied)
 
     def seconds(self, resolution: float) -> float:
         """Return a time in proportion to the beams, and a little for the inverse [s].

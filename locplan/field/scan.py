@@ -62,11 +62,11 @@ class Scan(LidarEstimator):
         See `locplan.field.Estimator.covariances`.
         """
         from locplan._support.kernels.likelihood import make_lattice
-        from locplan._support.kernels.posterior import scan_posteriors
+        from locplan._support.kernels.posterior import compute_scan_posteriors
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)
         window = self.lattice(part.resolution)
-        posteriors = scan_posteriors(
+        posteriors = compute_scan_posteriors(
             scene.likelihood,
             make_lattice(window.half_steps, window.angles),
             scene.squares,
@@ -109,18 +109,18 @@ class Scan(LidarEstimator):
 
         See `locplan.field.Estimator.prepare`.
         """
-        from locplan._support.kernels.rays import empty_squares
+        from locplan._support.kernels.rays import compute_empty_squares
 
         window, law = self.lattice(resolution), (self.sigma(resolution), self.z_rand)
         likelihood = make_likelihood_field(
             levels, resolution, window.step_cells, window.half_steps, *law
         )
-        return ScanMap(empty_squares(levels == OCCUPIED), likelihood)
+        return ScanMap(compute_empty_squares(levels == OCCUPIED), likelihood)
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        from locplan._support.kernels.likelihood import likelihood_reach
+        from locplan._support.kernels.likelihood import compute_likelihood_reach
 
-        around = likelihood_reach(resolution, self.sigma(resolution), self.z_rand) + 2
+        around = compute_likelihood_reach(resolution, self.sigma(resolution), self.z_rand) + 2
         offsets = self.lattice(resolution).reach
         shift, growth = self.endpoint_noise
         farthest = float(np.abs(self.end_deviations).max())
@@ -140,9 +140,9 @@ class Scan(LidarEstimator):
 
         See `locplan.field.Estimator.memory`.
         """
-        from locplan._support.kernels.likelihood import likelihood_reach
+        from locplan._support.kernels.likelihood import compute_likelihood_reach
 
-        reach = likelihood_reach(resolution, self.sigma(resolution), self.z_rand)
+        reach = compute_likelihood_reach(resolution, self.sigma(resolution), self.z_rand)
         margin = 2.0 * self.lattice(resolution).reach + reach
         height, width = (size + 2 * margin for size in map_shape)
         return 4 * height * width + 32.0 * reach**2
@@ -198,8 +198,8 @@ def make_likelihood_field(
     from locplan._support.kernels import likelihood as kernel
     from locplan._support.kernels.simd import SHORTS
 
-    costs = kernel.costs_of_squared_distance(resolution, sigma_hit, z_rand)
-    reach = kernel.likelihood_reach(resolution, sigma_hit, z_rand)
+    costs = kernel.tabulate_costs(resolution, sigma_hit, z_rand)
+    reach = kernel.compute_likelihood_reach(resolution, sigma_hit, z_rand)
     margin = reach + 2 * half_steps * step + 1
     rows, cols = (size + 2 * margin for size in levels.shape)
     height, width = -(-rows // step), -(-cols // step)

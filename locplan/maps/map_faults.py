@@ -117,10 +117,10 @@ def measure_solidity(grid: OccupancyGrid) -> WallSolidity:
 @lru_cache(32)  # of the maps that are equal by value; the check takes tenths of a second
 def _compute_solidity(grid: OccupancyGrid) -> WallSolidity:
     """Compute the solidity of a map's walls, see `measure_solidity`."""
-    from locplan._support.kernels.walls import surface_depths
+    from locplan._support.kernels.walls import count_deep_faces
 
     deep = int(MISLEADING_DEPTH / grid.resolution) + 1
-    faces, deep_faces = surface_depths(grid.cells, FREE, OCCUPIED, deep)
+    faces, deep_faces = count_deep_faces(grid.cells, FREE, OCCUPIED, deep)
     inside = find_wall_interiors(grid)
     if not inside.any():
         return WallSolidity(0.0, 0.0, 0.0)
@@ -176,7 +176,7 @@ def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], 
     left of the robot [cells].
     """
     from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
-    from locplan._support.kernels.rays import empty_squares
+    from locplan._support.kernels.rays import compute_empty_squares
 
     random = np.random.default_rng(0)
     angles = np.linspace(-np.pi, np.pi, BEAMS, endpoint=False)
@@ -189,7 +189,7 @@ def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], 
         pose[:] = row - first[0], col - first[1], random.uniform(-np.pi, np.pi)
         ends = np.empty((BEAMS, 2))
         if window != before:
-            before, squares = window, empty_squares(grid.cells[window] == OCCUPIED)
+            before, squares = window, compute_empty_squares(grid.cells[window] == OCCUPIED)
         measure_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
         if np.isfinite(ends[:, 0]).sum() < BEAMS / 3:
             continue

@@ -444,7 +444,7 @@ def _find_crossed_cells(starts: Floats, ends: Floats, shape: Ints) -> tuple[Ints
     if is_between.all():  # as of the rectangles of a mask, which may be thousands
         nowhere = np.empty(0, np.int64)
         return nowhere, nowhere
-    from locplan._support.kernels.rays import cells_of_lines
+    from locplan._support.kernels.rays import find_line_cells
 
     starts, ends = starts[~is_between], ends[~is_between]
     steps = ends - starts
@@ -456,7 +456,7 @@ def _find_crossed_cells(starts: Floats, ends: Floats, shape: Ints) -> tuple[Ints
     leave = np.nanmin(bounds.max(axis=0), axis=1, initial=1.0)
     is_seen = (enter < leave) & ~is_outside
     starts, steps, enter, leave = (values[is_seen] for values in (starts, steps, enter, leave))
-    rows, cols, lengths, _ = cells_of_lines(
+    rows, cols, lengths, _ = find_line_cells(
         np.clip(starts + enter[:, None] * steps, 0, shape),
         np.clip(starts + leave[:, None] * steps, 0, shape),
     )

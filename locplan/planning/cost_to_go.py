@@ -154,14 +154,14 @@ def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = F
     >>> to_goal.path((0.5, 2.5)).xy.tolist()
     [[0.5, 2.5], [2.5, 2.5], [3.5, 3.5]]
     """
-    from locplan._support.kernels.search import make_bordered_half, shortest_costs
+    from locplan._support.kernels.search import compute_shortest_costs, make_bordered_half
 
     check_costs(costs)
     GridPlanner().prepare()
     rows, columns = costs.grid.shape[0] + 2, costs.grid.shape[1] + 2
     half = make_bordered_half(costs.density, 1)
     target = bordered_index(costs, goal, "goal")
-    bordered = shortest_costs(half, columns, target, -1, allow_corner_cutting)
+    bordered = compute_shortest_costs(half, columns, target, -1, allow_corner_cutting)
     cost = bordered.reshape(rows, columns)[1:-1, 1:-1] * costs.grid.resolution
     return CostToGo(costs, goal, cost, allow_corner_cutting, bordered, half)
 

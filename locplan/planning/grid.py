@@ -39,7 +39,7 @@ def find_straight_line(
     It is None if the cells of both do not lie in one row, column or diagonal, if a blocked cell is
     in the way, or if both are centres: then a path over centres is this line.
     """
-    from locplan._support.kernels.rays import segment_cost
+    from locplan._support.kernels.rays import compute_segment_cost
     from locplan._support.kernels.search import make_bordered_half
 
     xy = np.array([start[:2], goal[:2]], np.float64)
@@ -55,7 +55,7 @@ def find_straight_line(
     half = make_bordered_half(costs.density[row:bottom, col:right], 1)
     width = min(right, costs.grid.shape[1]) - col + 2
     ends = np.column_stack(costs.grid.world_to_grid(*xy.T)) - corner + 1
-    cost = segment_cost(half, width, *ends[0], *ends[1], allow_corner_cutting)
+    cost = compute_segment_cost(half, width, *ends[0], *ends[1], allow_corner_cutting)
     return drop_repeated_positions(costs, xy) if np.isfinite(cost) else None
 
 

@@ -64,7 +64,7 @@ def find_cells_of_paths(
     headings : int
         Number of headings, evenly spaced from 0 on; the poses' headings do not count if it is 1.
     """
-    from locplan._support.kernels.rays import cells_of_lines
+    from locplan._support.kernels.rays import find_line_cells
 
     number = np.repeat(np.arange(len(sizes)), sizes)
     is_alone = np.repeat(sizes == 1, sizes)  # such a path is a line without length
@@ -81,7 +81,7 @@ def find_cells_of_paths(
             f"the path crosses over {MAX_CELLS} cells of {grid.resolution:g} m; give a path in"
             " metres on this map"
         )
-    row, col, length, line = cells_of_lines(begin, end)
+    row, col, length, line = find_line_cells(begin, end)
     is_new = (np.diff(number, prepend=-1) != 0) | (np.diff(heading, prepend=-1) != 0)
     part = np.cumsum(is_new) - 1
     empty = np.flatnonzero(is_new)[np.bincount(part[line], minlength=part[-1] + 1) == 0]

@@ -547,11 +547,11 @@ class SeenWalls:
     """The map's walls as seen by a recording's lidar."""
 
     def __init__(self, grid: OccupancyGrid, recording: Recording) -> None:
-        from locplan._support.kernels.rays import empty_squares
+        from locplan._support.kernels.rays import compute_empty_squares
 
         lidar = recording.lidar
         self.grid, self.recording = grid, recording
-        self.squares = empty_squares(grid.cells == OCCUPIED)
+        self.squares = compute_empty_squares(grid.cells == OCCUPIED)
         self.beam_step = max(1, lidar.beams // 61)  # about sixty beams suffice to settle a scan
         self.beams = lidar.to_kernel_settings()._replace(min_range=0.0)
         sparse_angles = np.ascontiguousarray(lidar.angles[:: self.beam_step])
@@ -591,13 +591,13 @@ class SeenWalls:
 
     def cast_ranges(self, pose: Floats, beams: Any) -> Floats:
         """Compute expected ranges at a world pose, (beams,) [m]; inf if a beam meets no wall."""
-        from locplan._support.kernels.lidar import lever, write_scan_ends
+        from locplan._support.kernels.lidar import compute_lidar_offset, write_scan_ends
 
         row, col = self.grid.world_to_grid(pose[0], pose[1])
         heading, resolution = pose[2] - self.grid.origin[2], self.grid.resolution
         ends = np.empty((beams.angles.size, 2))
         write_scan_ends(self.squares, resolution, float(row), float(col), heading, beams, ends)
-        ends -= lever(beams, heading, resolution)
+        ends -= compute_lidar_offset(beams, heading, resolution)
         ranges = np.hypot(ends[:, 0], ends[:, 1]) * resolution
         return np.where(np.isnan(ranges), np.inf, ranges)
 

@@ -373,7 +373,7 @@ def make_range_database(grid: OccupancyGrid, matching: MatchingSettings) -> Rang
     ConfigError
         If the robot fits nowhere on the map, or the map has no walls.
     """
-    from locplan._support.kernels.rays import empty_squares
+    from locplan._support.kernels.rays import compute_empty_squares
 
     occupied = grid.cells == OCCUPIED
     if not occupied.any():
@@ -386,7 +386,7 @@ def make_range_database(grid: OccupancyGrid, matching: MatchingSettings) -> Rang
         )
     tables = make_loss_tables(grid, matching, fits)
     positions = select_spaced_places(0.4, _find_lidar_cells(grid, matching, fits), grid.resolution)
-    squares = empty_squares(occupied)
+    squares = compute_empty_squares(occupied)
     range_database = RangeDatabase(
         grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares
     )

@@ -42,12 +42,12 @@ class ParticleFilter:
         deviation: Deviation,
         random: np.random.Generator,
     ) -> None:
-        from locplan._support.kernels.drives import AT, Start, start_filter
+        from locplan._support.kernels.drives import AT, StartSpread, start_filter
 
         self._amcl, self._grid, self._lidar, self._random = amcl, grid, lidar, random
         self._scores, self._settings = beam_scores(grid, amcl, lidar), filter_settings(amcl)
         first = world_to_map_frame(grid, np.asarray(pose, np.float64)[None])[0]
-        self._tracker = start_filter(random, first, Start(*deviation), self._settings)
+        self._tracker = start_filter(random, first, StartSpread(*deviation), self._settings)
         self._tracker.state[AT] = RESAMPLED
         self._odometry = np.zeros((3, 3))
         self._has_started = False
@@ -66,14 +66,16 @@ class ParticleFilter:
         state, random = self._tracker.state, self._random
         due = drives.is_update_due(self._tracker, self._odometry, NOW, self._settings)
         if due:
-            drives.advance(random, self._tracker, self._odometry, NOW, self._settings)
+            drives.advance_particles(random, self._tracker, self._odometry, NOW, self._settings)
         self._covariance[:] = np.nan
         if not due and self._has_started:
             return
         self._has_started = True
         ends = compared_ends(self._amcl, self._lidar, np.asarray(ranges)[None])[0]
         cells = np.ascontiguousarray(ends / self._grid.resolution)
-        if drives.correct(random, self._tracker, self._scores, cells, NOW, self._settings):
+        if drives.correct_particles(
+            random, self._tracker, self._scores, cells, NOW, self._settings
+        ):
             drives.write_cloud_covariance(self._tracker, self._covariance)
             self._odometry[RESAMPLED], state[drives.AT] = self._odometry[NOW], RESAMPLED
         self._odometry[UPDATED], state[drives.UPDATED] = self._odometry[NOW], UPDATED

@@ -112,7 +112,7 @@ class Replanner:
         It joins the path at the cheapest point within some metres, otherwise later. The path stays
         if no way is found.
         """
-        from locplan._support.kernels.search import make_bordered_half, shortest_costs
+        from locplan._support.kernels.search import compute_shortest_costs, make_bordered_half
         from locplan._support.kernels.ways import trace_path
 
         scene = self._crop_scene(truth, believed, world)
@@ -125,7 +125,9 @@ class Replanner:
         density[tuple(start)] = LEAVE_COST
 
         half, columns = make_bordered_half(density, 1), density.shape[1] + 2
-        costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
+        costs = compute_shortest_costs(
+            half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False
+        )
         along = compute_travel_distances(way)
         points = np.floor(way[:, ::-1] / resolution).astype(int) - low
         able = _are_inside(points, density.shape) & (along >= min(JOIN_DISTANCES[0], along[-1]))

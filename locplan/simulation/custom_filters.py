@@ -26,7 +26,7 @@ def track_drive(
     custom_filter: CustomFilter,
     errors: Floats,
 ) -> None:
-    """Drive once with a filter that is not AMCL, as the kernel `drives.drive` does with AMCL.
+    """Simulate a drive with a filter other than AMCL, as `drives.simulate_drive` does with AMCL.
 
     The filter gets every scan with all beams, and separate random numbers. Its start pose is off by
     the deviation that it is given.

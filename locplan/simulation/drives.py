@@ -323,10 +323,10 @@ def make_drive_arguments(
     DriveArguments
         The arguments.
     """
-    from locplan._support.kernels.drives import Start
+    from locplan._support.kernels.drives import StartSpread
 
     lidar, odometry, disturbances = robot.known_lidar, robot.odometry, robot.disturbances
-    start = Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg))
+    start = StartSpread(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg))
     filter_scores: Any = None
     settings: Any
     if isinstance(amcl := robot.filter, Amcl):

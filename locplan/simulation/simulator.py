@@ -88,7 +88,7 @@ class Simulator:
 
         A ray crosses a square without walls in one step.
         """
-        from locplan._support.kernels.rays import empty_squares
+        from locplan._support.kernels.rays import compute_empty_squares
 
         noise = self.robot.disturbances.boundary_noise
         count = self.robot.disturbances.worlds if noise else 1
@@ -97,7 +97,7 @@ class Simulator:
         def make(number: int) -> Octets:
             seed = int(make_generator(self.seed, WORLD_STREAM, number).integers(2**63))
             world = with_boundary_noise(self.grid, noise, seed=seed)
-            squares: Octets = empty_squares(world.cells == OCCUPIED)
+            squares: Octets = compute_empty_squares(world.cells == OCCUPIED)
             return squares
 
         with ThreadPoolExecutor(self.threads) as pool:

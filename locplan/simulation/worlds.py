@@ -148,7 +148,7 @@ class Stage:
 
     def make_world(self, route: int, number: int) -> Octets:
         """Return the empty squares of a drive's world, see
-        `locplan._support.kernels.rays.empty_squares`.
+        `locplan._support.kernels.rays.compute_empty_squares`.
 
         Parameters
         ----------
@@ -156,9 +156,9 @@ class Stage:
             The key of the route, see `locplan.simulation.driver.compute_route_key`, and the drive's
             number.
         """
-        from locplan._support.kernels.rays import empty_squares
+        from locplan._support.kernels.rays import compute_empty_squares
 
-        squares: Octets = empty_squares(self.find_occupied_cells(route, number))
+        squares: Octets = compute_empty_squares(self.find_occupied_cells(route, number))
         return squares
 
     def find_occupied_cells(self, route: int, number: int) -> Bools:
@@ -210,7 +210,7 @@ class Stage:
             The level of disturbance. Its faults have separate random numbers, so that errors of
             odometry are the same at all levels.
         """
-        from locplan._support.kernels.drives import World, drive, simulate_odometry
+        from locplan._support.kernels.drives import World, simulate_drive, simulate_odometry
 
         cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
         errors = np.empty_like(line.truth)
@@ -218,7 +218,7 @@ class Stage:
         reported = simulate_odometry(random, line.ideal_odometry, arguments.odometry)
         faults = make_generator(self.seed, FAULT_STREAM, route, number)
         reported = level.disturb_odometry(reported, line.ideal_odometry, faults)
-        follow: Any = track_drive if arguments.scores is None else drive
+        follow: Any = track_drive if arguments.scores is None else simulate_drive
         follow(
             random,
             line.truth,

@@ -206,7 +206,7 @@ def test_damaged_files_are_refused_in_one_line(tmp_path):
                 assert "\n" not in str(error.value)
             file.write_bytes(whole)
             changed(file, start=["north"], weight="heavy")
-            with pytest.raises(LocplanError, match=r"is damaged .*; save it anew"):
+            with pytest.raises(LocplanError, match=r"is damaged .*\. Save it again"):
                 load(file)
         file.unlink()
         with pytest.raises(LocplanError, match=r"cannot be read|[Nn]o such"):

@@ -93,7 +93,7 @@ def test_a_path_within_one_cell_is_that_cell():
 
 def test_the_tolerance_follows_the_greatest_finite_cost():
     cost = np.array([-3.0, np.inf, 0.0, 2.0, -1e4, np.inf, 5.0])
-    assert ways.greatest_cost(cost) == 1e4
+    assert ways.find_greatest_cost(cost) == 1e4
     assert ways.compute_tolerance(cost, 1.0) == pytest.approx(4 * 2.0**-53 * 1e8)
     assert ways.compute_tolerance(cost, 1e-6) == pytest.approx(5e-7)
     assert ways.compute_tolerance(100 * cost, 1e-1) == pytest.approx(1e-4)

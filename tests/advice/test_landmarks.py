@@ -18,11 +18,11 @@ from support.maps import ascii_map, corridor
 import locplan
 from locplan import LocplanError, Path, place_landmarks, save_map
 from locplan._support import checks
-from locplan._support.kernels.rays import cast, empty_squares
+from locplan._support.kernels.rays import cast_ray, compute_empty_squares
 from locplan.advice import Box, Pole, verify_landmarks
 from locplan.advice.figures import landmarks_figure
 from locplan.advice.kernels import landmarks as kernels, objectives as ways
-from locplan.advice.landmark_objects import find_covered_cells, parse_object, with_objects
+from locplan.advice.landmark_objects import find_covered_cells, mark_objects, parse_object
 from locplan.advice.landmarks import Verification, VerificationDrives
 from locplan.errors import ConfigError
 from locplan.field.beams import find_surface_normals
@@ -46,7 +46,7 @@ def open_floor(rows=80, cols=120, resolution=0.1) -> OccupancyGrid:
 def hits_on(grid, rays):
     occupied = grid.cells == OCCUPIED
     hits = np.zeros((len(rays.first), rays.beams, 4), np.float32)
-    scene = empty_squares(occupied), find_surface_normals(occupied), grid.resolution
+    scene = compute_empty_squares(occupied), find_surface_normals(occupied), grid.resolution
     kernels.cast_map_hits(kernels.MapSurfaces(*scene), rays, hits)
     return hits
 
@@ -94,25 +94,25 @@ def test_an_object_fills_the_cells_whose_centre_lies_within_it(kind):
 
 @pytest.mark.parametrize("heading", [0.0, 0.4, 1.2, 2.5])
 def test_a_thin_board_lets_no_ray_through(heading):
-    grid = with_objects(open_floor(), Box(2.0, 0.02), [(6.0, 4.0, heading)])
-    squares = empty_squares(grid.cells == OCCUPIED)
+    grid = mark_objects(open_floor(), Box(2.0, 0.02), [(6.0, 4.0, heading)])
+    squares = compute_empty_squares(grid.cells == OCCUPIED)
     for share in np.linspace(-0.9, 0.9, 37):
         x, y = 6 + share * math.cos(heading), 4 + share * math.sin(heading)
         dx, dy = -math.sin(heading), math.cos(heading)
-        at, _, _ = cast(squares, (y - dy) / 0.1, (x - dx) / 0.1, dy, dx, 20.0)
+        at, _, _ = cast_ray(squares, (y - dy) / 0.1, (x - dx) / 0.1, dy, dx, 20.0)
         assert 0.8 < at * 0.1 < 1.05
 
 
 def test_objects_stand_in_the_world_also_where_the_map_is_turned():
     grid = dataclasses.replace(open_floor(), origin=(3.0, -2.0, 0.7))
-    marked = with_objects(grid, Box(1.0, 0.4), [(*grid.position(30, 50), 0.7)])
+    marked = mark_objects(grid, Box(1.0, 0.4), [(*grid.position(30, 50), 0.7)])
     rows, cols = np.nonzero((marked.cells == OCCUPIED) & grid.free)
     assert (np.ptp(rows) + 1, np.ptp(cols) + 1) in ((4, 10), (5, 11), (5, 10), (4, 11))
     assert (rows.mean(), cols.mean()) == pytest.approx((30, 50), abs=0.5)
 
 
 def test_objects_at_the_edge_of_the_map_are_cut_off():
-    assert (with_objects(open_floor(), Pole(2.0), [(0.0, 0.0), (-50, 3)]).cells == OCCUPIED).any()
+    assert (mark_objects(open_floor(), Pole(2.0), [(0.0, 0.0), (-50, 3)]).cells == OCCUPIED).any()
 
 
 @pytest.mark.parametrize("text", ["pole:", "pole:x", "pole:0.1,0.2", "box:1", "cone:2", "box:1,-1"])
@@ -539,7 +539,7 @@ def test_places_at_random_close_no_passage_either(hallway):
     for seed in range(5):
         chosen = search.draw_random_places(30, np.random.default_rng(seed))
         poses = np.column_stack([positions_of(made), search.places[:, 2]])[chosen]
-        marked = with_objects(hallway, Box(0.6, 0.5), poses)
+        marked = mark_objects(hallway, Box(0.6, 0.5), poses)
         costs.append(locplan.Costmap.blank(marked, robot=0.35))
         passages = search.robot_space.copy()
         for n in chosen:
@@ -671,7 +671,7 @@ def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
     assert (made.setting.replan_routes(made.grid)["bent"].xy == bent).all()
     ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0)}
     made = place_landmarks(hallway, Pole(0.2), 1, places=ends, robot=DRIVEN)
-    beside = with_objects(made.setting.grid, Box(0.4, 0.4), [(0.0, 0.0)])
+    beside = mark_objects(made.setting.grid, Box(0.4, 0.4), [(0.0, 0.0)])
     around = made.setting.replan_routes(beside)["a to b"].length
     assert around > made.setting.routes["a to b"].length + 0.02
 

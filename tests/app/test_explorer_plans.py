@@ -205,7 +205,7 @@ def test_kernels_of_drag_are_loaded_before(session, monkeypatch):
     from locplan._support.kernels import ways
 
     calls = []
-    for name in ("greatest_cost", "find_backward_steps", "trace_cheapest_path"):
+    for name in ("find_greatest_cost", "find_backward_steps", "trace_cheapest_path"):
         kernel = getattr(ways, name)
 
         def note(*values, kernel=kernel):

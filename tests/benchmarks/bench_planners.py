@@ -15,10 +15,10 @@ from skimage.graph import MCP_Geometric
 from support.movingai import find_map_file, find_scenario_files, read_all_scenarios, read_map
 
 from locplan._support.kernels.search import (
+    compute_shortest_costs,
     make_bordered_half,
     measure_costs,
     search_grid,
-    shortest_costs,
 )
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, pareto_front, plan
@@ -88,7 +88,7 @@ def test_single_objective(benchmark, size):
 
     def ours(corner_cutting=False):
         half = make_bordered_half(density, 1)
-        return shortest_costs(half, columns, first, last, corner_cutting)
+        return compute_shortest_costs(half, columns, first, last, corner_cutting)
 
     cost = benchmark.pedantic(ours, rounds=9, warmup_rounds=1)
     seconds = benchmark.stats.stats.min
@@ -136,7 +136,9 @@ def test_large_maps_cost_no_more_a_cell(benchmark):
 
             def solve(density=density, columns=columns, size=size):
                 half = make_bordered_half(density, 1)
-                return shortest_costs(half, columns, columns + 1, size * columns + size, False)
+                return compute_shortest_costs(
+                    half, columns, columns + 1, size * columns + size, False
+                )
 
             turns[size].append(cpu_of(solve) / free)
 
@@ -204,7 +206,7 @@ def test_all_movingai_scenarios(benchmark):
             half, columns = make_bordered_half(density, 1), density.shape[1] + 2
             for start, goal, optimal in read_all_scenarios(path):
                 source, target = ((row + 1) * columns + col + 1 for row, col in (start, goal))
-                length = shortest_costs(half, columns, source, target, False)[target]
+                length = compute_shortest_costs(half, columns, source, target, False)[target]
                 worst = max(worst, abs(length - optimal))
                 count += 1
         return count, worst

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from locplan._support.kernels.rays import cast, empty_squares
+from locplan._support.kernels.rays import cast_ray, compute_empty_squares
 from locplan.field import Fisher, Scan
 from locplan.field.estimator import MapPart
 from locplan.maps import OCCUPIED, load_map
@@ -26,7 +26,7 @@ def ranges_by_leaps(squares, rows, cols, drows, dcols, most):
     result = np.empty((rows.size, drows.size))
     for n in range(rows.size):
         for k in range(drows.size):
-            result[n, k] = cast(squares, rows[n], cols[n], drows[k], dcols[k], most)[0]
+            result[n, k] = cast_ray(squares, rows[n], cols[n], drows[k], dcols[k], most)[0]
     return result
 
 
@@ -102,7 +102,7 @@ def test_rays(benchmark, name, real_maps):
     rows, cols = (index + 0.5 for index in free_cells(grid))
     beams = np.sin(LIDAR.angles + 1e-3), np.cos(LIDAR.angles + 1e-3)
     rest = rows, cols, *beams, LIDAR.range / grid.resolution
-    squares = empty_squares(stops)
+    squares = compute_empty_squares(stops)
     ranges_by_leaps(squares, *rest)
     ours = benchmark.pedantic(ranges_by_leaps, (squares, *rest), rounds=5)
     leaps, _ = seconds(ranges_by_leaps, squares, *rest)

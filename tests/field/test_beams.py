@@ -16,7 +16,7 @@ from locplan._support.kernels.lidar import (
     move_ends,
     write_scan_ends,
 )
-from locplan._support.kernels.rays import cast, empty_squares
+from locplan._support.kernels.rays import cast_ray, compute_empty_squares
 from locplan.field.beams import find_surface_normals
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Lidar as Settings
@@ -42,7 +42,7 @@ def at_pose(occupied, resolution, row, col, heading, beams, of_ranges, normals=N
     normals = find_surface_normals(occupied) if normals is None else normals
     one = [np.array([float(value)]) for value in (row, col, heading)]
     control = np.zeros(2, np.int64)
-    squares = empty_squares(occupied)
+    squares = compute_empty_squares(occupied)
     return compute_information(squares, normals, resolution, *one, beams, of_ranges, control)[0, 0]
 
 
@@ -58,18 +58,18 @@ def drawn(*lines):
 @pytest.mark.parametrize("density", [0.0, 0.02, 0.3, 1.0])
 def test_empty_squares_are_those_of_the_oracle(density):
     stops = random_stops((13, 17), seed=3, density=density)
-    np.testing.assert_array_equal(empty_squares(stops), oracles.beams.empty_squares(stops))
+    np.testing.assert_array_equal(compute_empty_squares(stops), oracles.beams.empty_squares(stops))
 
 
 def test_long_empty_squares_are_cut_at_a_byte():
-    squares = empty_squares(np.zeros((600, 400), bool))
+    squares = compute_empty_squares(np.zeros((600, 400), bool))
     assert squares.max() == 255
-    assert cast(squares, 0.5, 0.5, 1.0, 0.0, FAR)[0] == math.inf
+    assert cast_ray(squares, 0.5, 0.5, 1.0, 0.0, FAR)[0] == math.inf
 
 
 def assert_between_oracles(stops, squares, row, col, drow, dcol, max_range=FAR):
     """Cells that are only touched may stop the ray or not; everything else is exact."""
-    found, hit_row, hit_col = cast(squares, row, col, drow, dcol, max_range)
+    found, hit_row, hit_col = cast_ray(squares, row, col, drow, dcol, max_range)
     low = oracles.beams.cast(stops, row, col, drow, dcol, max_range, margin=-1e-9)
     high = oracles.beams.cast(stops, row, col, drow, dcol, max_range, margin=1e-9)
     assert low - 1e-6 <= found <= high + 1e-6
@@ -88,7 +88,7 @@ def test_rays_at_random_are_exact(density):
     decided = 0
     for seed in range(6):
         stops = random_stops((19, 23), seed, density)
-        squares = empty_squares(stops)
+        squares = compute_empty_squares(stops)
         for _ in range(60):
             row, col = rng.random(2) * stops.shape
             angle = rng.uniform(-7, 7)
@@ -114,7 +114,7 @@ EXACT_DIRECTIONS = [
 def test_rays_along_edges_and_through_corners(shift, by_angle):
     for seed in range(3):
         stops = random_stops((8, 7), seed, 0.15)
-        squares = empty_squares(stops)
+        squares = compute_empty_squares(stops)
         for row in range(8):
             for col in range(7):
                 for drow, dcol in EXACT_DIRECTIONS:
@@ -127,23 +127,23 @@ def test_rays_along_edges_and_through_corners(shift, by_angle):
 
 def test_an_edge_belongs_to_the_upper_cell():
     stops = drawn("....#", ".....", "#....")  # row 2, 1, 0
-    squares = empty_squares(stops)
-    assert cast(squares, 2.0, 0.5, 0.0, 1.0, FAR) == (3.5, 2, 4)
-    assert cast(squares, 1.0, 4.5, 0.0, -1.0, FAR)[0] == math.inf
-    assert cast(squares, 1.5, 0.0, -1.0, 0.0, FAR) == (0.5, 0, 0)
-    assert cast(squares, 2.5, 4.0, -0.0, 1.0, FAR) == (0.0, 2, 4)
+    squares = compute_empty_squares(stops)
+    assert cast_ray(squares, 2.0, 0.5, 0.0, 1.0, FAR) == (3.5, 2, 4)
+    assert cast_ray(squares, 1.0, 4.5, 0.0, -1.0, FAR)[0] == math.inf
+    assert cast_ray(squares, 1.5, 0.0, -1.0, 0.0, FAR) == (0.5, 0, 0)
+    assert cast_ray(squares, 2.5, 4.0, -0.0, 1.0, FAR) == (0.0, 2, 4)
 
 
 @pytest.mark.parametrize("quarters", range(4))
 @pytest.mark.parametrize("jitter", [0.0, 1e-16, -1e-16, 1e-12])
 def test_a_diagonal_wall_does_not_leak(quarters, jitter):
     stops = np.rot90(np.eye(40, dtype=bool), quarters)
-    squares = empty_squares(stops)
+    squares = compute_empty_squares(stops)
     away = math.pi / 4 + math.pi / 2 * quarters + math.pi / 2 + jitter
     for k in range(2, 37):
         for start in ((k + 0.5, 1.5), (1.5, k + 0.5)):
             found = [
-                cast(squares, *start, math.sin(angle), math.cos(angle), FAR)[0]
+                cast_ray(squares, *start, math.sin(angle), math.cos(angle), FAR)[0]
                 for angle in (away, away + math.pi)
             ]
             on_wall = stops[int(start[0]), int(start[1])]
@@ -152,18 +152,18 @@ def test_a_diagonal_wall_does_not_leak(quarters, jitter):
 
 @pytest.mark.parametrize("lost", ["outside", "maximum", "map's edge"])
 def test_no_return(lost):
-    squares = empty_squares(drawn("....#", "....."))
+    squares = compute_empty_squares(drawn("....#", "....."))
     start, max_range = {
         "outside": ((1.5, -0.5), FAR),
         "maximum": ((1.5, 0.5), 3.49),
         "map's edge": ((0.5, 0.5), FAR),
     }[lost]
-    assert cast(squares, *start, 0.0, 1.0, max_range) == (math.inf, -1, -1)
-    assert cast(squares, 1.5, 0.5, 0.0, 1.0, 3.5) == (3.5, 1, 4)
+    assert cast_ray(squares, *start, 0.0, 1.0, max_range) == (math.inf, -1, -1)
+    assert cast_ray(squares, 1.5, 0.5, 0.0, 1.0, 3.5) == (3.5, 1, 4)
 
 
 def test_within_a_wall_the_range_is_zero():
-    assert cast(empty_squares(drawn(".#.")), 0.5, 1.5, 0.0, 1.0, FAR) == (0.0, 0, 1)
+    assert cast_ray(compute_empty_squares(drawn(".#.")), 0.5, 1.5, 0.0, 1.0, FAR) == (0.0, 0, 1)
 
 
 def test_leaps_change_nothing_on_large_maps():
@@ -172,13 +172,13 @@ def test_leaps_change_nothing_on_large_maps():
     stops[:, [0, 499]] = stops[[0, 299]] = True
     stops[140:150, 200:260] = True
     rng = np.random.default_rng(2)
-    squares = empty_squares(stops)
+    squares = compute_empty_squares(stops)
     single_steps = np.minimum(squares, 1)
     for _ in range(3000):
         row, col = rng.uniform(1, 299), rng.uniform(1, 499)
         angle = rng.uniform(0, 2 * math.pi)
         ray = row, col, math.sin(angle), math.cos(angle), FAR
-        assert cast(squares, *ray) == cast(single_steps, *ray)
+        assert cast_ray(squares, *ray) == cast_ray(single_steps, *ray)
 
 
 def cells(size, resolution):
@@ -426,7 +426,7 @@ def test_a_return_below_the_least_range_is_none(least, returned, of_ranges):
     found = at_pose(occupied, 0.1, 20.5, 15.5, 0.0, ahead_and_back, of_ranges, walls)
     np.testing.assert_allclose(found, np.diag([returned, 0.0, 0.0]), atol=1e-12)
     ends = np.empty((2, 2))
-    write_scan_ends(empty_squares(occupied), 0.1, 20.5, 15.5, 0.0, ahead_and_back, ends)
+    write_scan_ends(compute_empty_squares(occupied), 0.1, 20.5, 15.5, 0.0, ahead_and_back, ends)
     there = np.array([[30.0, 0.0], [-10.0, 0.0]])
     there[returned:] = np.nan
     np.testing.assert_allclose(ends, there, atol=1e-9)
@@ -437,7 +437,7 @@ def measured(occupied, beams, seed, **disturbances):
     settings = {"outliers": 0.0, "occlusion": 0.0, "width": 1.0, "nearest": 0.5, "farthest": 2.0}
     ends, pose = np.empty((beams.angles.size, 2)), np.array([20.5, 15.5, 0.0])
     of_beams = BeamDisturbances(**settings | disturbances)
-    random, squares = np.random.default_rng(seed), empty_squares(occupied)
+    random, squares = np.random.default_rng(seed), compute_empty_squares(occupied)
     measure_ends(random, squares, 0.1, pose, beams, of_beams, ends)
     return np.hypot(*ends.T) * 0.1
 
@@ -466,7 +466,7 @@ def test_ends_move_along_their_beams_as_in_the_plain_loop():
         range=2.5, min_range=0.3, mount_x=0.2, mount_y=-0.1, mount_yaw_deg=30.0, beams=60
     )
     beams = lidar(angles, 0.2, -0.1, sensor.mount_yaw, 0.03, 0.3, 2.5)
-    squares, ends, moved = empty_squares(levels == OCCUPIED), np.empty((60, 2)), 0
+    squares, ends, moved = compute_empty_squares(levels == OCCUPIED), np.empty((60, 2)), 0
     for row, col in np.argwhere(levels[4:-4, 4:-4] == FREE)[::12] + 4:  # no mount off the map
         heading = rng.uniform(-4, 4)
         pose = row + 0.5, col + 0.5, heading
@@ -522,7 +522,7 @@ def test_a_full_circle_of_beams_knows_no_heading(of_ranges):
 def test_a_batch_is_its_single_poses_and_can_be_stopped(of_ranges):
     occupied = random_stops((60, 60), 25, 0.02)
     squares, normals, beams = (
-        empty_squares(occupied),
+        compute_empty_squares(occupied),
         find_surface_normals(occupied),
         lidar(forward=0.2),
     )

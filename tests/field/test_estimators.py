@@ -647,13 +647,13 @@ def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
 
 def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
     # An asymmetric room; the pose that fits noisy ranges best, to first order in exact ranges.
-    from locplan._support.kernels.rays import cast, empty_squares
+    from locplan._support.kernels.rays import cast_ray, compute_empty_squares
 
     size = 0.02
     cells = np.full((220, 320), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = 0
     cells[:60, :80] = 0
-    squares = empty_squares(cells == 0)
+    squares = compute_empty_squares(cells == 0)
     sensor = Lidar(range=10.0, beams=90, range_sigma=0.02)
     grid = OccupancyGrid(cells, size)
     alone = {"model": "range", "effective_beams": 90, "window": SearchWindow()}
@@ -662,7 +662,7 @@ def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
     def ranges(x, y, theta):
         return np.array(
             [
-                size * cast(squares, y / size, x / size, math.sin(a), math.cos(a), 1e9)[0]
+                size * cast_ray(squares, y / size, x / size, math.sin(a), math.cos(a), 1e9)[0]
                 for a in theta + sensor.angles
             ]
         )

@@ -15,7 +15,7 @@ from support.maps import corridor, random_rooms
 from locplan._support.kernels import likelihood, posterior as scan
 from locplan._support.kernels.lidar import LidarBeams, write_scan_ends
 from locplan._support.kernels.likelihood import TOP
-from locplan._support.kernels.rays import empty_squares
+from locplan._support.kernels.rays import compute_empty_squares
 from locplan.field import FieldConfig, OffsetLattice, Sad, Scan, SearchWindow
 from locplan.field.beams import find_wall_cells
 from locplan.field.estimator import MapPart
@@ -34,7 +34,7 @@ def cast_ends(levels, row, col, angles, reach):
     """Where beams from a cell's centre end, (beam, 2) [cells]."""
     ends = np.empty((len(angles), 2))
     all_of_them = LidarBeams(np.asarray(angles, float), 0.0, 0.0, 0.0, 0.03, 0.0, float(reach))
-    squares = empty_squares(levels == OCCUPIED)
+    squares = compute_empty_squares(levels == OCCUPIED)
     write_scan_ends(squares, 1.0, row + 0.5, col + 0.5, 0.0, all_of_them, ends)
     return ends
 
@@ -144,7 +144,7 @@ def test_costs_are_bit_equal_to_the_plain_loops(step, half_steps, rotations, bea
     ends = rng.normal(0, 12, (beams, 2))
     ends[::5] = np.nan
     ends[1] = 900.0, -1e5  # far off the map
-    table = likelihood.costs_of_squared_distance(0.05, SIGMA_HIT, Z_RAND)
+    table = likelihood.tabulate_costs(0.05, SIGMA_HIT, Z_RAND)
 
     def cost(squared):
         return table[int(min(squared, table.size - 1))]
@@ -326,7 +326,7 @@ def test_a_part_of_the_map_gives_the_same():
     config = FieldConfig(Sad(range=1.5, window=SearchWindow(half_width=0.8)))
     window = config.estimator.window.to_lattice(0.05)
     rows, cols = np.array([150, 156, 160]), np.array([150, 171, 159])
-    halo = 30 + 16 + likelihood.likelihood_reach(0.05, SIGMA_HIT, Z_RAND) + 1
+    halo = 30 + 16 + likelihood.compute_likelihood_reach(0.05, SIGMA_HIT, Z_RAND) + 1
     ends = scans(levels, rows, cols, all_round(60), 30)
     whole = run(levels, 0.05, window, rows, cols, ends)
     top, left = 150 - halo, 150 - halo
@@ -402,7 +402,7 @@ def covariance_in_plain_loops(scan_, levels, resolution, row, col, heading):
     assert len(angles) == scan_.beams_compared
     pose, sigma = (row + 0.5, col + 0.5, heading), max(scan_.sigma_hit, resolution)
     ends = oracles.beams.moved_ends(levels, resolution, *pose, scan_.lidar, angles, noise)
-    table = likelihood.costs_of_squared_distance(resolution, sigma, scan_.z_rand)
+    table = likelihood.tabulate_costs(resolution, sigma, scan_.z_rand)
     nats = -math.log(scan_.z_rand) / TOP
     losses = oracles.scan.score(
         levels, row, col, ends, window.step_cells, window.half_steps, window.angles,

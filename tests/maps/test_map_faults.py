@@ -8,7 +8,7 @@ from PIL import Image
 from support import oracles
 from support.maps import ascii_map, blocks, random_rooms
 
-from locplan._support.kernels.walls import surface_depths
+from locplan._support.kernels.walls import count_deep_faces
 from locplan.maps import (
     FREE,
     OCCUPIED,
@@ -41,7 +41,7 @@ def kinds(grid: OccupancyGrid) -> list[str]:
 def test_kernels_are_those_of_plain_loops(seed):
     cells = random_rooms((31, 24), seed)
     for deep in (1, 3):
-        assert surface_depths(cells, FREE, OCCUPIED, deep) == oracles.walls.surface_depths(
+        assert count_deep_faces(cells, FREE, OCCUPIED, deep) == oracles.walls.surface_depths(
             cells, FREE, OCCUPIED, deep
         )
 

@@ -7,7 +7,7 @@ from support import oracles
 from support.costmaps import costmap_from_density, random_density
 from support.maps import ascii_map, random_rooms
 
-from locplan._support.kernels.rays import segment_cost
+from locplan._support.kernels.rays import compute_segment_cost
 from locplan._support.kernels.search import make_bordered_half
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OccupancyGrid
@@ -46,7 +46,7 @@ def test_segment_costs_are_exact(seed):
         line = rng.uniform(0, 1, 4) * (20, 25, 20, 25)
         if rng.random() < 0.3:
             line = np.floor(line) + 0.5
-        result = segment_cost(half, 27, *(line + 1), False)
+        result = compute_segment_cost(half, 27, *(line + 1), False)
         assert result == pytest.approx(oracles.lines.line_integral(density, *line), rel=1e-9)
 
 
@@ -66,7 +66,7 @@ def test_segments_are_blocked_where_they_meet_a_blocked_cell(seed, corner_cuttin
             for row, col in np.argwhere(np.isinf(density))
         )
         inside = density[int(line[0]), int(line[1])] < np.inf  # a path begins in a free cell
-        cost = segment_cost(half, 17, *(line + 1), corner_cutting)
+        cost = compute_segment_cost(half, 17, *(line + 1), corner_cutting)
         if inside and np.hypot(line[2] - line[0], line[3] - line[1]) > 0:
             assert np.isinf(cost) == blocked, line
 
@@ -77,9 +77,9 @@ def test_a_line_along_a_blocked_cells_edge_touches_it(beside):
     density[beside, 3] = np.inf
     half = make_bordered_half(density, 1)
     along = (3.0, 1.5, 3.0, 6.5)  # bordered: between rows 1 and 2
-    assert segment_cost(half, 8, *along, False) == np.inf
+    assert compute_segment_cost(half, 8, *along, False) == np.inf
     expected = np.inf if beside == 2 else 5.0
-    assert segment_cost(half, 8, *along, True) == expected
+    assert compute_segment_cost(half, 8, *along, True) == expected
 
 
 @pytest.mark.parametrize("lookahead", [2, 5])
@@ -132,7 +132,7 @@ def test_shifting_never_costs_more_and_finds_the_valley():
     positions = np.column_stack([np.full(9, 4.5), np.linspace(1.5, 40.5, 9)])
     shifted = kernels.shift(half, 42, positions, 1.0, 20, False)
     costs = [
-        sum(segment_cost(half, 42, *a, *b, False) for a, b in itertools.pairwise(line))
+        sum(compute_segment_cost(half, 42, *a, *b, False) for a, b in itertools.pairwise(line))
         for line in (positions, shifted)
     ]
     assert costs[1] < 0.5 * costs[0]

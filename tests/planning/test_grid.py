@@ -12,7 +12,7 @@ from support.movingai import find_map_file, find_scenario_files, read_map, read_
 
 import locplan
 from locplan._support.kernels import search, ways
-from locplan._support.kernels.search import make_bordered_half, shortest_costs
+from locplan._support.kernels.search import compute_shortest_costs, make_bordered_half
 from locplan.comparison import Execution, RandomQueries, compare
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -274,7 +274,7 @@ def test_lengths_are_optimal():
         width, half = density.shape[1] + 2, make_bordered_half(density, 1)
         for start, goal, optimal in read_scenarios(path):
             source, target = ((row + 1) * width + col + 1 for row, col in (start, goal))
-            cost = shortest_costs(half, width, source, target, False)[target]
+            cost = compute_shortest_costs(half, width, source, target, False)[target]
             assert cost == pytest.approx(optimal, abs=0.005), (path.name, start, goal)
     assert files
 

@@ -16,7 +16,7 @@ from support.maps import ascii_map
 
 from locplan import load_map
 from locplan._support.kernels.outlines import find_first_hit, find_swept_cells, sum_rows
-from locplan._support.kernels.rays import segment_cost
+from locplan._support.kernels.rays import compute_segment_cost
 from locplan._support.kernels.search import make_bordered_half
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -65,7 +65,7 @@ def states_and_edges(costs: Costmap, planner: Lattice) -> dict:
         local = np.array(each.poses) + np.array([col + 0.5, row + 0.5, 0.0])
         at = local[:, :2] + 1
         touching = (
-            segment_cost(half, grid.shape[1] + 2, *a[::-1], *b[::-1], False)
+            compute_segment_cost(half, grid.shape[1] + 2, *a[::-1], *b[::-1], False)
             for a, b in itertools.pairwise(at)
         )
         if not (

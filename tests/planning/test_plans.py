@@ -74,7 +74,7 @@ def costs_from_corner(density, corner_cutting) -> np.ndarray:
     """The kernel's costs from cell (0, 0), (H, W)."""
     rows, columns = density.shape[0] + 2, density.shape[1] + 2
     half = search.make_bordered_half(density, 1)
-    cost = search.shortest_costs(half, columns, columns + 1, -1, corner_cutting)
+    cost = search.compute_shortest_costs(half, columns, columns + 1, -1, corner_cutting)
     return cost.reshape(rows, columns)[1:-1, 1:-1]
 
 

@@ -58,7 +58,7 @@ def test_posteriors_are_those_of_the_plain_loops():
     best, summary = np.empty((3, 3), np.int64), np.empty((3, 3))
     lattice = make_lattice(window.half_steps, window.angles)
     recorded_posteriors(field, lattice, cells, ends, share, mean, covariance, best, summary)
-    table = likelihood.costs_of_squared_distance(resolution, 0.1, 0.05)
+    table = likelihood.tabulate_costs(resolution, 0.1, 0.05)
     nats = -math.log(0.05) / TOP
     expected = oracles.scan.recorded_posteriors(
         *(levels, cells, ends, window.step_cells, window.half_steps, window.angles),

@@ -58,7 +58,7 @@ def rooms(*, differ: bool = False) -> OccupancyGrid:
 def scan_at(grid: OccupancyGrid, lidar: Lidar, *pose: float) -> np.ndarray:
     """Ranges of the lidar's beams at a pose in the world, without noise [m]."""
     from locplan._support.kernels.lidar import LidarBeams as Beams, lever, write_scan_ends
-    from locplan._support.kernels.rays import empty_squares
+    from locplan._support.kernels.rays import compute_empty_squares
 
     beams = Beams(
         angles=lidar.angles,
@@ -72,7 +72,7 @@ def scan_at(grid: OccupancyGrid, lidar: Lidar, *pose: float) -> np.ndarray:
     row, col = grid.world_to_grid(pose[0], pose[1])
     heading = pose[2] - grid.origin[2]
     ends = np.empty((lidar.beams, 2))
-    squares = empty_squares(grid.cells == OCCUPIED)
+    squares = compute_empty_squares(grid.cells == OCCUPIED)
     write_scan_ends(squares, grid.resolution, float(row), float(col), heading, beams, ends)
     away = ends - np.array(lever(beams, heading, grid.resolution))
     ranges = np.hypot(*away.T) * grid.resolution

@@ -14,7 +14,7 @@ from support.rooms import GAP_CELLS, LIDAR, ROOM_CELLS, join_rooms, room_cells, 
 
 from locplan import LocplanError
 from locplan._support.kernels.lidar import LidarBeams as Beams
-from locplan._support.kernels.rays import empty_squares
+from locplan._support.kernels.rays import compute_empty_squares
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.recordings.kernels import matches as lists, scan_losses as losses
 from locplan.recordings.matching import (
@@ -157,7 +157,7 @@ def test_ranges_are_those_of_plain_loops():
         [random.uniform(3, 10, 12), random.uniform(3, 13, 12), random.uniform(-3, 3, 12)]
     )
     ranges = np.empty((12, 7))
-    lists.cast_ranges(empty_squares(stops), 0.2, poses, lidar, ranges)
+    lists.cast_ranges(compute_empty_squares(stops), 0.2, poses, lidar, ranges)
     expected = oracles.matching.ranges_from(stops, 0.2, poses, lidar)
     inside = expected > 0.2
     np.testing.assert_allclose(ranges[inside], expected[inside], atol=1e-6)

@@ -10,7 +10,7 @@ from support.cases import sample_cases
 
 from locplan import Costmap, Lidar, OccupancyGrid, Path, Robot, check, plan, recommend_path
 from locplan.advice import Pole
-from locplan.advice.landmark_objects import with_objects
+from locplan.advice.landmark_objects import mark_objects
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.robots import Amcl, Disturbances, Odometry
@@ -113,7 +113,7 @@ def test_world_does_not_depend_on_the_part():
 
 def test_world_has_the_same_noise_beside_an_object():
     grid = room(200, 300)
-    with_pole = with_objects(grid, Pole(0.2), np.array([[4.0, 3.0, 0.0]]))
+    with_pole = mark_objects(grid, Pole(0.2), np.array([[4.0, 3.0, 0.0]]))
     one, other = (
         Simulator(each, ROBOT).make_stage().find_occupied_cells(3, 0) for each in (grid, with_pole)
     )

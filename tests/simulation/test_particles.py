@@ -10,7 +10,7 @@ from support import oracles
 from support.maps import random_rooms
 
 from locplan._support.kernels import drives, lidar as lidars, particles
-from locplan._support.kernels.rays import empty_squares
+from locplan._support.kernels.rays import compute_empty_squares
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Amcl, Disturbances, Lidar, Robot
 from locplan.robots.amcl import DIFFERENTIAL, OMNIDIRECTIONAL
@@ -95,7 +95,7 @@ def test_clusters_are_those_of_touching_bins(count):
     for n in range(count):
         bins = particles.insert_particle(histogram, bins, n, *poses[:, n])
     assert bins == len(set(oracles.particles.bins_of(poses)))
-    found = particles.heaviest_cluster_mean(histogram, bins, poses, count)
+    found = particles.compute_heaviest_mean(histogram, bins, poses, count)
     assert found == pytest.approx(oracles.particles.heaviest_cluster_mean(poses), abs=1e-12)
     particles.clear_histogram(histogram, bins)
     assert (histogram.bin_of == particles.FREE).all()
@@ -105,11 +105,11 @@ def test_kld_sampling_wants_what_amcl_wants():
     amcl = Amcl(min_particles=20, max_particles=500)
     settings = simulator(room(), amcl).arguments.filter
     for bins in range(200):
-        assert particles.kld_sample_size(bins, settings) == oracles.particles.kld_sample_size(
-            bins, amcl
-        )
+        assert particles.compute_kld_sample_size(
+            bins, settings
+        ) == oracles.particles.kld_sample_size(bins, amcl)
     # AMCL's own quirk: a single bin asks for all.
-    assert particles.kld_sample_size(1, settings) == 500
+    assert particles.compute_kld_sample_size(1, settings) == 500
 
 
 @pytest.mark.parametrize(("limits", "lost"), [((5, 400), 0.0), ((60, 60), 0.0), ((60, 400), 0.3)])
@@ -129,7 +129,7 @@ def test_resampling_draws_the_same_particles(limits, lost):
     histogram, bins = particles.make_histogram(limits[1]), 0
     for n in range(count):
         bins = particles.insert_particle(histogram, bins, n, *poses[:, n])
-    found, _ = particles.resample(
+    found, _ = particles.resample_particles(
         np.random.default_rng(8),
         poses,
         weights,
@@ -181,7 +181,7 @@ def test_particles_are_drawn_as_often_as_they_weigh():
     drawn, histogram = np.empty_like(poses), particles.make_histogram(20_000)
     made = simulator(room(), amcl).arguments
     own = made.filter, histogram, 0, drawn, made.scores, 0.0
-    count, _ = particles.resample(np.random.default_rng(1), poses, weights, 4, *own)
+    count, _ = particles.resample_particles(np.random.default_rng(1), poses, weights, 4, *own)
     shares = np.bincount(drawn[0, :count].astype(int)) / count
     assert shares == pytest.approx(weights[:4], abs=0.015)
 
@@ -190,7 +190,7 @@ def test_particles_are_drawn_as_often_as_they_weigh():
 def test_measured_beams_end_where_the_plain_loop_says(occlusion):
     grid = room()
     here = simulator(grid, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
-    squares, ends = empty_squares(grid.cells == OCCUPIED), np.empty((9, 2))
+    squares, ends = compute_empty_squares(grid.cells == OCCUPIED), np.empty((9, 2))
     for seed in range(12):
         pose = np.array([12.3, 13.7, 0.7 * seed])
         random = np.random.default_rng(seed)
@@ -300,12 +300,12 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
     )
     errors, random = np.empty_like(truth), np.random.default_rng(6)
     reported = drives.simulate_odometry(random, truth, here.arguments.odometry)
-    drives.drive(
+    drives.simulate_drive(
         random,
         truth,
         reported,
         drives.World(
-            empty_squares(world.cells == OCCUPIED),
+            compute_empty_squares(world.cells == OCCUPIED),
             RESOLUTION,
             truth[:, [1, 0, 2]] / (RESOLUTION, RESOLUTION, 1),
         ),

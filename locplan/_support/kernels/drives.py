@@ -1,7 +1,7 @@
 """A particle filter that tracks simulated or recorded drives on the map.
 
-At each pose of a drive at which `is_update_due`, `advance` moves the particles and `correct` weighs
-them. `estimate_pose` returns the filter's pose.
+At each pose of a drive, if `is_update_due`, `advance_particles` moves the particles and
+`correct_particles` weighs them. `estimate_pose` returns the filter's pose.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ NOW, COUNT, BINS, UPDATES, UPDATED, AT = range(6)
 """Indices in `FilterState.state`."""
 
 
-class Start(NamedTuple):
+class StartSpread(NamedTuple):
     """Standard deviations of the error of the filter's first pose."""
 
     position: float  # [m]
@@ -32,7 +32,7 @@ class FilterState(NamedTuple):
 
     clouds: Floats  # (2, 3, n) the particles, and space for the next ones
     weights: Floats  # (n,)
-    histogram: particles.Histogram
+    histogram: particles.PoseHistogram
     averages: Floats  # (2,) slow and fast average of the mean weight, 0 before the first one
     pose: Floats  # (3,) mean of the heaviest cluster at the last resampling
     state: Ints
@@ -42,7 +42,7 @@ class FilterState(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def start_filter(
-    random: Random, first: Floats, start: Start, settings: FilterSettings
+    random: Random, first: Floats, start: StartSpread, settings: FilterSettings
 ) -> FilterState:
     """Draw a filter's particles around a first pose with a random error of the same deviations."""
     max_particles = settings.max_particles
@@ -57,7 +57,7 @@ def start_filter(
         for axis in range(3):
             poses[axis, n] += sigma[axis] * random.standard_normal()
         bins = particles.insert_particle(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
-    pose = np.array(particles.heaviest_cluster_mean(histogram, bins, poses, max_particles))
+    pose = np.array(particles.compute_heaviest_mean(histogram, bins, poses, max_particles))
     averages, state = np.zeros(2), np.array([0, max_particles, bins, 0, 0, 0])
     return FilterState(clouds, weights, histogram, averages, pose, state)
 
@@ -72,7 +72,7 @@ def is_update_due(tracker: FilterState, reported: Floats, n: int, settings: Filt
 
 
 @njit(nogil=True, cache=True)
-def advance(
+def advance_particles(
     random: Random, tracker: FilterState, reported: Floats, n: int, settings: FilterSettings
 ) -> None:
     """Move the particles by the odometry (n, 3) from the last update to pose `n`."""
@@ -98,7 +98,7 @@ def update_lost_share(averages: Floats, weight: float, settings: FilterSettings)
 
 
 @njit(nogil=True, cache=True)
-def correct(
+def correct_particles(
     random: Random,
     tracker: FilterState,
     scores: BeamScores,
@@ -118,7 +118,7 @@ def correct(
     state[UPDATES] += 1
     if state[UPDATES] % settings.resample_interval:
         return False
-    count, bins = particles.resample(
+    count, bins = particles.resample_particles(
         random,
         poses,
         weights,
@@ -134,7 +134,7 @@ def correct(
         tracker.averages[0] = tracker.averages[1] = 0.0
     state[NOW], state[COUNT], state[BINS], state[AT] = 1 - state[NOW], count, bins, n
     weights[:count] = 1 / count
-    x, y, heading = particles.heaviest_cluster_mean(tracker.histogram, bins, new_poses, count)
+    x, y, heading = particles.compute_heaviest_mean(tracker.histogram, bins, new_poses, count)
     tracker.pose[0], tracker.pose[1], tracker.pose[2] = x, y, heading
     return True
 
@@ -188,7 +188,7 @@ class OdometryErrors(NamedTuple):
 class World(NamedTuple):
     """World, which may differ from the filter's map, and the robot's poses in it."""
 
-    squares: Octets  # (4, H + 2, W + 2) from `rays.empty_squares`
+    squares: Octets  # (4, H + 2, W + 2) from `rays.compute_empty_squares`
     resolution: float  # edge of a cell [m]
     poses: Floats  # (n, 3) row, column [cells] and heading [rad] of the true poses
 
@@ -219,7 +219,7 @@ def simulate_odometry(random: Random, truth: Floats, odometry: OdometryErrors) -
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def drive(
+def simulate_drive(
     random: Random,
     truth: Floats,
     reported: Floats,
@@ -227,7 +227,7 @@ def drive(
     scores: BeamScores,
     lidar: LidarBeams,
     disturbances: BeamDisturbances,
-    start: Start,
+    start: StartSpread,
     settings: FilterSettings,
     errors: Floats,
 ) -> None:
@@ -258,7 +258,7 @@ def drive(
     for n in range(len(truth)):
         due = is_update_due(tracker, reported, n, settings)
         if due:
-            advance(random, tracker, reported, n, settings)
+            advance_particles(random, tracker, reported, n, settings)
         if due or n == 0:
             measure_ends(
                 random, world.squares, world.resolution, world.poses[n], lidar, disturbances, ends
@@ -266,7 +266,7 @@ def drive(
             for b in range(len(ends)):  # the filter measures in cells of its map
                 ends[b, 0] *= finer
                 ends[b, 1] *= finer
-            correct(random, tracker, scores, ends, n, settings)
+            correct_particles(random, tracker, scores, ends, n, settings)
         x, y, heading = estimate_pose(tracker, reported, n)
         errors[n, 0], errors[n, 1] = x - truth[n, 0], y - truth[n, 1]
         errors[n, 2] = wrap_angle(heading - truth[n, 2])
@@ -279,7 +279,7 @@ def replay_filter(
     reported: Floats,
     ends: Floats,
     scores: BeamScores,
-    start: Start,
+    start: StartSpread,
     settings: FilterSettings,
     poses: Floats,
     covariances: Floats,
@@ -297,7 +297,7 @@ def replay_filter(
     ends : (n, beam, 2) array
         Ends of the beams ahead and to the left of the robot [cells]; NaN without a return.
     scores, start, settings
-        As for `drive`.
+        As for `simulate_drive`.
     poses : (n, 3) array
         Filled with the filter's poses in the axes of the map [m, m, rad].
     covariances : (n, 3, 3) array
@@ -307,8 +307,8 @@ def replay_filter(
     for n in range(len(reported)):
         due = is_update_due(tracker, reported, n, settings)
         if due:
-            advance(random, tracker, reported, n, settings)
+            advance_particles(random, tracker, reported, n, settings)
         covariances[n] = np.nan
-        if (due or n == 0) and correct(random, tracker, scores, ends[n], n, settings):
+        if (due or n == 0) and correct_particles(random, tracker, scores, ends[n], n, settings):
             write_cloud_covariance(tracker, covariances[n])
         poses[n, 0], poses[n, 1], poses[n, 2] = estimate_pose(tracker, reported, n)

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import N_DONE, STOP, Floats, Ints, Octets, Random, Singles
-from locplan._support.kernels.rays import cast
+from locplan._support.kernels.rays import cast_ray
 
 
 class LidarBeams(NamedTuple):
@@ -36,7 +36,9 @@ class LidarBeams(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def lever(lidar: LidarBeams, heading: float, resolution: float) -> tuple[float, float]:
+def compute_lidar_offset(
+    lidar: LidarBeams, heading: float, resolution: float
+) -> tuple[float, float]:
     """Return the lidar's position from the robot's centre, x (columns) and y (rows) [cells].
 
     The position is rounded to a fraction of a cell, so that its sum with any cell's position is
@@ -67,7 +69,7 @@ def write_scan_ends(
     Parameters
     ----------
     squares : (4, H + 2, W + 2) array of uint8
-        The map as `rays.empty_squares`.
+        The map as `rays.compute_empty_squares`.
     resolution : float
         Edge of a cell [m].
     row, col, heading : float
@@ -77,13 +79,13 @@ def write_scan_ends(
     ends : (beam, 2) array
         Filled with the ends of the beams.
     """
-    lever_x, lever_y = lever(lidar, heading, resolution)
+    lever_x, lever_y = compute_lidar_offset(lidar, heading, resolution)
     from_row, from_col = row + lever_y, col + lever_x
     min_range, max_range = lidar.min_range / resolution, lidar.max_range / resolution
     for b in range(lidar.angles.size):
         bearing = heading + lidar.yaw + lidar.angles[b]
         dx, dy = np.cos(bearing), np.sin(bearing)
-        at, hit_row, hit_col = cast(squares, from_row, from_col, dy, dx, max_range)
+        at, hit_row, hit_col = cast_ray(squares, from_row, from_col, dy, dx, max_range)
         if not 0 < at < np.inf or at < min_range:  # at 0 the lidar itself is within a wall
             ends[b] = np.nan
             continue
@@ -102,7 +104,7 @@ def move_ends(
 
     The arguments are the same as in `write_scan_ends`, which fills `ends`; `noise` is (beam, 2).
     """
-    lever_x, lever_y = lever(lidar, heading, resolution)
+    lever_x, lever_y = compute_lidar_offset(lidar, heading, resolution)
     for b in range(lidar.angles.size):
         x, y = ends[b, 0] - lever_x, ends[b, 1] - lever_y
         farther = noise[b, 1] + noise[b, 0] / resolution / np.hypot(x, y)
@@ -154,7 +156,7 @@ def measure_ends(
         lidar.angles, lidar.forward, lidar.left, lidar.yaw, lidar.sigma, 0.0, lidar.max_range
     )
     write_scan_ends(squares, resolution, row, col, heading, near, ends)
-    lever_x, lever_y = lever(lidar, heading, resolution)
+    lever_x, lever_y = compute_lidar_offset(lidar, heading, resolution)
     min_range, reach = lidar.min_range / resolution, lidar.max_range / resolution
     occluded = random.random() < disturbances.occlusion
     middle = lidar.angles[0] + random.random() * (lidar.angles[-1] - lidar.angles[0])
@@ -198,7 +200,7 @@ def compute_information(
     Parameters
     ----------
     squares : (4, H + 2, W + 2) array of uint8
-        The map as `rays.empty_squares`.
+        The map as `rays.compute_empty_squares`.
     normals : (H, W, 2) array of float32
         Unit normals (row, col) of the cells that stop a beam; beams at zero normals are ignored.
     resolution : float
@@ -229,12 +231,12 @@ def compute_information(
         if control[STOP]:
             break
         for k in range(headings.size):
-            ahead_x, ahead_y = lever(lidar, headings[k], resolution)
+            ahead_x, ahead_y = compute_lidar_offset(lidar, headings[k], resolution)
             row, col = rows[n] + ahead_y, cols[n] + ahead_x
             xx = xy = yy = xt = yt = tt = 0.0
             for b in range(lidar.angles.size):
                 dx, dy = beam_x[k, b], beam_y[k, b]
-                at, hit_row, hit_col = cast(squares, row, col, dy, dx, max_range)
+                at, hit_row, hit_col = cast_ray(squares, row, col, dy, dx, max_range)
                 if not 0 < at < np.inf or at < min_range:  # at 0 the lidar itself is within a wall
                     continue
                 ny, nx = normals[hit_row, hit_col, 0], normals[hit_row, hit_col, 1]

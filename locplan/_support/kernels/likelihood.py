@@ -50,23 +50,23 @@ class LikelihoodField(NamedTuple):
     nats: float  # log-likelihood of one step of cost
 
 
-def likelihood_reach(resolution: float, sigma_hit: float, z_rand: float) -> int:
+def compute_likelihood_reach(resolution: float, sigma_hit: float, z_rand: float) -> int:
     """Return the distance from a wall below which the cost may be less than `TOP` [cells]."""
     # At this distance the likelihood is half a step of cost above z_rand.
     excess = z_rand * math.expm1(-math.log(z_rand) / TOP / 2) / (1 - z_rand)
     return math.ceil(sigma_hit * math.sqrt(-2 * math.log(excess)) / resolution)
 
 
-def costs_of_squared_distance(resolution: float, sigma_hit: float, z_rand: float) -> Shorts:
+def tabulate_costs(resolution: float, sigma_hit: float, z_rand: float) -> Shorts:
     """Return the costs at squared distances of 0, 1, ... cells^2; the last one is `TOP`."""
-    reach = likelihood_reach(resolution, sigma_hit, z_rand)
+    reach = compute_likelihood_reach(resolution, sigma_hit, z_rand)
     squared = np.arange(reach**2 + 1) * resolution**2
     likelihood = (1 - z_rand) * np.exp(-squared / (2 * sigma_hit**2)) + z_rand
     return np.rint(np.log(likelihood) / math.log(z_rand) * TOP).astype(np.uint16)
 
 
 @njit(nogil=True, cache=True)
-def distances_along_columns(walls: Octets, reach: int) -> Array:
+def compute_column_distances(walls: Octets, reach: int) -> Array:
     """Return the number of rows to the nearest wall in the same column, at most ``reach + 1``.
 
     The result has `reach` more rows on either side of the map, (H + 2 reach, W).
@@ -96,7 +96,7 @@ def write_cost_planes(
     The planes are (row mod step, col mod step, row div step, col div step).
     """
     step = len(planes)
-    along_columns = distances_along_columns(walls, reach)
+    along_columns = compute_column_distances(walls, reach)
     cols, furthest = walls.shape[1], np.int32(costs.size - 1)
     squared, nearest = np.empty(cols, np.int32), np.empty(cols + 2 * reach, np.int32)
     for i in range(len(along_columns)):
@@ -129,7 +129,7 @@ class ScanLattice(NamedTuple):
     empty: NDArray[np.uint32]  # (theta, dy, dx), flat: 0 at the offsets, NOWHERE between them
 
 
-class Weights(NamedTuple):
+class WeightTables(NamedTuple):
     """Two tables whose product is exp(-nats * cost)."""
 
     coarse: Floats  # at multiples of FINE
@@ -155,9 +155,9 @@ def make_lattice(half_steps: int, angles: Floats) -> ScanLattice:
 
 
 @njit(nogil=True, cache=True)
-def make_weights(nats: float, max_cost: int) -> Weights:
+def make_weights(nats: float, max_cost: int) -> WeightTables:
     """Return tables of weights for costs up to `max_cost`, or until weights are negligible."""
     # Offsets whose log-probability is 30 nats below the greatest are left out.
     multiples = int(min(30.0 / nats, float(max_cost))) // FINE + 1
     coarse = np.exp(-nats * FINE * np.arange(multiples))
-    return Weights(coarse, np.exp(-nats * np.arange(FINE)), multiples * FINE - 1, nats)
+    return WeightTables(coarse, np.exp(-nats * np.arange(FINE)), multiples * FINE - 1, nats)

@@ -79,7 +79,7 @@ class BeamScores(NamedTuple):
     free: Ints = np.empty(0, np.int64)  # flat indices of free cells, without the ring, for recovery
 
 
-class Histogram(NamedTuple):
+class PoseHistogram(NamedTuple):
     """Occupied bins, found by a hash table with open addressing."""
 
     bin_of: Ints  # (slots,) FREE or the bin; slots are a power of two
@@ -90,12 +90,12 @@ class Histogram(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def make_histogram(max_particles: int) -> Histogram:
+def make_histogram(max_particles: int) -> PoseHistogram:
     """Return an empty histogram for at most `max_particles` particles."""
     slots = 4
     while slots < 4 * max_particles:
         slots *= 2
-    return Histogram(
+    return PoseHistogram(
         np.full(slots, FREE, np.int64),
         np.empty(max_particles, np.int64),
         np.empty(max_particles, np.int64),
@@ -105,7 +105,7 @@ def make_histogram(max_particles: int) -> Histogram:
 
 
 @njit(nogil=True, cache=True)
-def find_slot(histogram: Histogram, key: int) -> int:
+def find_slot(histogram: PoseHistogram, key: int) -> int:
     """Return the slot of a bin in the hash table, or the free slot for a new bin."""
     mask = histogram.bin_of.size - 1
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
@@ -125,7 +125,7 @@ def compute_bin_key(x: float, y: float, heading: float) -> int:
 
 
 @njit(nogil=True, cache=True)
-def clear_histogram(histogram: Histogram, bins: int) -> None:
+def clear_histogram(histogram: PoseHistogram, bins: int) -> None:
     """Empty a histogram of `bins` bins."""
     for n in range(bins):
         histogram.bin_of[histogram.slots[n]] = FREE
@@ -133,7 +133,7 @@ def clear_histogram(histogram: Histogram, bins: int) -> None:
 
 @njit(nogil=True, cache=True)
 def insert_particle(
-    histogram: Histogram, bins: int, particle: int, x: float, y: float, heading: float
+    histogram: PoseHistogram, bins: int, particle: int, x: float, y: float, heading: float
 ) -> int:
     """Put a particle into its bin; return the new number of bins."""
     key = compute_bin_key(x, y, heading)
@@ -148,7 +148,7 @@ def insert_particle(
 
 
 @njit(nogil=True, cache=True)
-def find_clusters(histogram: Histogram, bins: int) -> int:
+def find_clusters(histogram: PoseHistogram, bins: int) -> int:
     """Label clusters of bins that touch, also at corners; return the number of clusters."""
     histogram.cluster[:bins] = FREE
     waiting = np.empty(bins, np.int64)
@@ -174,8 +174,8 @@ def find_clusters(histogram: Histogram, bins: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def heaviest_cluster_mean(
-    histogram: Histogram, bins: int, poses: Floats, count: int
+def compute_heaviest_mean(
+    histogram: PoseHistogram, bins: int, poses: Floats, count: int
 ) -> tuple[float, float, float]:
     """Return the mean pose of the cluster with most of the `count` equal particles."""
     sums = np.zeros((find_clusters(histogram, bins), 5))
@@ -192,7 +192,7 @@ def heaviest_cluster_mean(
 
 
 @njit(nogil=True, cache=True)
-def kld_sample_size(bins: int, settings: FilterSettings) -> int:
+def compute_kld_sample_size(bins: int, settings: FilterSettings) -> int:
     """Return the KLD sample size: the number of particles for `bins` occupied bins (Fox, 2003)."""
     if bins <= 1:
         return settings.max_particles
@@ -306,13 +306,13 @@ def weigh_particles(
 
 
 @njit(nogil=True, cache=True)
-def resample(
+def resample_particles(
     random: Random,
     poses: Floats,
     weights: Floats,
     count: int,
     settings: FilterSettings,
-    histogram: Histogram,
+    histogram: PoseHistogram,
     bins: int,
     new_poses: Floats,
     scores: BeamScores,
@@ -346,7 +346,7 @@ def resample(
         before, bins = bins, insert_particle(histogram, bins, n_drawn, x, y, heading)
         n_drawn += 1
         if bins > before:
-            size = kld_sample_size(bins, settings)
+            size = compute_kld_sample_size(bins, settings)
         if n_drawn > size:
             break
     return n_drawn, bins

@@ -23,7 +23,7 @@ from locplan._support.kernels.likelihood import (
     TOP,
     LikelihoodField,
     ScanLattice,
-    Weights,
+    WeightTables,
     make_weights,
 )
 from locplan._support.kernels.simd import (
@@ -102,7 +102,7 @@ def score_scan(
 
 
 @njit(nogil=True, cache=True)
-def dilate(bits: Words, distance: int, guard: int, to: Words) -> None:
+def dilate_bits(bits: Words, distance: int, guard: int, to: Words) -> None:
     """Write ``bits | bits << distance | bits >> distance`` of one long number into `to`.
 
     The `guard` words at either end are left out.
@@ -136,9 +136,9 @@ def find_central_mode(
     inside[guard + centre // WORD] = np.uint64(1) << np.uint64(centre % WORD)
     growing = True
     while growing:
-        dilate(inside, 1, guard, grown)
-        dilate(grown, lattice.width, guard, between)
-        dilate(between, lattice.plane, guard, grown)
+        dilate_bits(inside, 1, guard, grown)
+        dilate_bits(grown, lattice.width, guard, between)
+        dilate_bits(between, lattice.plane, guard, grown)
         growing = False
         for n in range(inside.size):
             now = grown[n] & passable[n]
@@ -150,7 +150,7 @@ def find_central_mode(
 @njit(nogil=True, cache=True)
 def compute_moments(
     lattice: ScanLattice,
-    weights: Weights,
+    weights: WeightTables,
     costs: NDArray[np.uint32],
     mode: Words,
     mean: Floats,
@@ -208,7 +208,7 @@ def compute_moments(
 def compute_posterior(
     field: LikelihoodField,
     lattice: ScanLattice,
-    weights: Weights,
+    weights: WeightTables,
     row: int,
     col: int,
     ends: Floats,
@@ -225,7 +225,7 @@ def compute_posterior(
 
 
 @njit(nogil=True, cache=True)
-def scan_posteriors(
+def compute_scan_posteriors(
     field: LikelihoodField,
     lattice: ScanLattice,
     squares: Octets,
@@ -245,7 +245,7 @@ def scan_posteriors(
     field, lattice
         Likelihood field of the map, and offsets of the search window.
     squares : (4, H + 2, W + 2) array of uint8
-        The map as `rays.empty_squares`.
+        The map as `rays.compute_empty_squares`.
     resolution : float
         Edge of a cell [m].
     rows, cols : (n,) arrays

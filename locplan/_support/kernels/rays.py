@@ -19,14 +19,14 @@ TOUCH = 1e-6
 
 
 @njit(inline="always")
-def _first_cell(position: float, delta: float) -> int:
+def _find_first_cell(position: float, delta: float) -> int:
     """Return the first cell of a line along one axis."""
     cell = int(np.floor(position))
     return cell - 1 if delta < 0 and cell == position else cell
 
 
 @njit(inline="always")
-def _crossing(position: float, cell: int, delta: float) -> float:
+def _compute_crossing(position: float, cell: int, delta: float) -> float:
     """Return the share of the line at which it leaves a cell along one axis."""
     if delta > 0:
         return (cell + 1 - position) / delta
@@ -36,7 +36,7 @@ def _crossing(position: float, cell: int, delta: float) -> float:
 
 
 @njit(inline="always")
-def _edge_offset(
+def _compute_edge_offset(
     row_in_cell: float, col_in_cell: float, drow: float, dcol: float, columns: int
 ) -> int:
     """Return the offset of the second cell if a line runs along a cell's edge, otherwise 0."""
@@ -49,7 +49,7 @@ def _edge_offset(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def segment_cost(
+def compute_segment_cost(
     half: Floats,
     columns: int,
     row0: float,
@@ -67,12 +67,14 @@ def segment_cost(
     length = np.hypot(drow, dcol)
     if length == 0:
         return 0.0
-    row, col = _first_cell(row0, drow), _first_cell(col0, dcol)
+    row, col = _find_first_cell(row0, drow), _find_first_cell(col0, dcol)
     row_step = columns if drow > 0 else -columns
     col_step = 1 if dcol > 0 else -1
     cell = row * columns + col
-    touched = 0 if corner_cutting else _edge_offset(row0 - row, col0 - col, drow, dcol, columns)
-    row_at, col_at = _crossing(row0, row, drow), _crossing(col0, col, dcol)
+    touched = (
+        0 if corner_cutting else _compute_edge_offset(row0 - row, col0 - col, drow, dcol, columns)
+    )
+    row_at, col_at = _compute_crossing(row0, row, drow), _compute_crossing(col0, col, dcol)
     row_share, col_share = abs(1 / drow), abs(1 / dcol)
     rows_crossed = cols_crossed = 0
     first_row_at, first_col_at = row_at, col_at
@@ -102,7 +104,7 @@ def segment_cost(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cells_of_lines(begin: Floats, end: Floats) -> tuple[Array, Array, Array, Array]:
+def find_line_cells(begin: Floats, end: Floats) -> tuple[Array, Array, Array, Array]:
     """Return rows and columns of the cells that lines cross, lengths in cells, and line numbers.
 
     Cells are in order of travel, one entry per visit. If a line only touches a cell, its length
@@ -123,10 +125,10 @@ def cells_of_lines(begin: Floats, end: Floats) -> tuple[Array, Array, Array, Arr
         row0, col0 = begin[n, 0], begin[n, 1]
         drow, dcol = end[n, 0] - row0, end[n, 1] - col0
         length = np.hypot(drow, dcol)
-        row, col = _first_cell(row0, drow), _first_cell(col0, dcol)
+        row, col = _find_first_cell(row0, drow), _find_first_cell(col0, dcol)
         at = 0.0
         while at < 1.0 and length > 0:
-            row_at, col_at = _crossing(row0, row, drow), _crossing(col0, col, dcol)
+            row_at, col_at = _compute_crossing(row0, row, drow), _compute_crossing(col0, col, dcol)
             leave = min(row_at, col_at, 1.0)
             if (leave - at) * length > TOUCH:
                 rows[count], cols[count], lengths[count] = row, col, (leave - at) * length
@@ -145,12 +147,12 @@ def cells_of_lines(begin: Floats, end: Floats) -> tuple[Array, Array, Array, Arr
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_crossed_cells(positions: Floats) -> tuple[Array, Array, Array]:
     """Return rows and columns of the cells that a polyline (n, 2) crosses, and its lengths."""
-    rows, cols, lengths, _ = cells_of_lines(positions[:-1], positions[1:])
+    rows, cols, lengths, _ = find_line_cells(positions[:-1], positions[1:])
     return rows, cols, lengths
 
 
 @njit(nogil=True, cache=True)
-def empty_squares(stops: Bools) -> Octets:
+def compute_empty_squares(stops: Bools) -> Octets:
     """Return the edge of the largest empty square that starts at each cell [cells].
 
     Parameters
@@ -186,14 +188,14 @@ def empty_squares(stops: Bools) -> Octets:
 
 
 @njit(inline="always")
-def _edge(squares: Octets, quadrant: int, row: int, col: int) -> int:
+def _read_square_edge(squares: Octets, quadrant: int, row: int, col: int) -> int:
     # With unsigned indices numba need not check if they count from the end.
     """Return the edge of a cell's square, which is 0 in the ring around the map."""
     return int(np.int64(squares[np.uintp(quadrant), np.uintp(row + 1), np.uintp(col + 1)]))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cast(
+def cast_ray(
     squares: Octets, row: float, col: float, drow: float, dcol: float, max_range: float
 ) -> tuple[float, int, int]:
     """Return the range of a ray [cells] and the cell (row, col) that stops it; inf, -1, -1 if none.
@@ -204,7 +206,7 @@ def cast(
     return.
     """
     rows, cols = squares.shape[1] - 2, squares.shape[2] - 2
-    row0, col0 = _first_cell(row, drow), _first_cell(col, dcol)
+    row0, col0 = _find_first_cell(row, drow), _find_first_cell(col, dcol)
     if not (0 <= row0 < rows and 0 <= col0 < cols):
         return np.inf, -1, -1
     # Cells are counted from the first one in the ray's own direction: up and down are alike.
@@ -217,7 +219,7 @@ def cast(
     quadrant = 2 * up + right
     i = j = 0
     at = 0.0
-    edge = _edge(squares, quadrant, row0, col0)
+    edge = _read_square_edge(squares, quadrant, row0, col0)
     while edge:
         next_i, next_j = i + edge, j + edge
         row_at = (next_i - row_in_cell) * row_time
@@ -231,7 +233,7 @@ def cast(
             i = min(max(int(row_in_cell + at * row_pace), i), next_i - 1)
         if at > max_range:
             return np.inf, -1, -1
-        edge = _edge(squares, quadrant, row0 + row_sign * i, col0 + col_sign * j)
+        edge = _read_square_edge(squares, quadrant, row0 + row_sign * i, col0 + col_sign * j)
     hit_row, hit_col = row0 + row_sign * i, col0 + col_sign * j
     if 0 <= hit_row < rows and 0 <= hit_col < cols:
         return at, hit_row, hit_col

@@ -120,7 +120,7 @@ def make_bordered_half(density: Floats, border: int) -> Array:
     return half.reshape(-1)
 
 
-def shortest_costs(
+def compute_shortest_costs(
     half: Floats, columns: int, start: int, goal: int, corner_cutting: bool
 ) -> Array:
     """Return the cost from a cell to every cell, flat [density x cells].
@@ -153,7 +153,7 @@ def search_grid(
     until: float = np.inf,
     check: Callable[[], None] | None = None,
 ) -> SearchResult:
-    """Search from a cell as `shortest_costs` does, and count the expanded cells.
+    """Search from a cell as `compute_shortest_costs` does, and count the expanded cells.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def search_grid(
     while buckets < min(farthest + 2, MAX_BUCKETS):
         buckets *= 2
     (row, col), (goal_row, goal_col) = divmod(start, columns), divmod(goal, columns)
-    lowest = int(octile.py_func(row - goal_row, col - goal_col, rate) * per_cost)
+    lowest = int(compute_octile_cost.py_func(row - goal_row, col - goal_col, rate) * per_cost)
     queue = BucketQueue(
         state=np.array([-1, 1, 1, lowest, 0, 0]),
         heads=np.full(buckets, -1, np.int32),
@@ -283,7 +283,7 @@ def expand_batch(
         row, col, total = 0, 0, cell_cost
         if rate > 0:
             row, col = int(cell // width) - goal_row, int(cell % width) - goal_col
-            total += octile(row, col, rate)
+            total += compute_octile_cost(row, col, rate)
         if total >= cost_limit:
             continue
         bucket = np.int64(total * per_cost)
@@ -318,7 +318,7 @@ def expand_batch(
                 continue
             total = reached
             if rate > 0:
-                total += octile(row + MOVES[n][0], col + MOVES[n][1], rate)
+                total += compute_octile_cost(row + MOVES[n][0], col + MOVES[n][1], rate)
             if total >= cost_limit:
                 continue
             if neighbour == end:
@@ -335,7 +335,7 @@ def expand_batch(
 
 
 @njit(inline="always")
-def octile(rows: int, columns: int, rate: float) -> float:
+def compute_octile_cost(rows: int, columns: int, rate: float) -> float:
     """Return the cost to a cell so many rows and columns away if all cells cost `rate`."""
     rows, columns = abs(rows), abs(columns)
     return rate * (max(rows, columns) + (SQRT2 - 1.0) * min(rows, columns))

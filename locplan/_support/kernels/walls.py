@@ -72,7 +72,7 @@ def count_scans(stops: Bools, origins: Floats, ends: Floats, margin: float) -> t
 
 
 @njit(nogil=True, cache=True)
-def surface_depths(cells: Octets, free: int, occupied: int, deep: int) -> tuple[int, int]:
+def count_deep_faces(cells: Octets, free: int, occupied: int, deep: int) -> tuple[int, int]:
     """Return the number of faces between free and occupied cells, and of deep ones among them.
 
     Parameters

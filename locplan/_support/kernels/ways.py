@@ -32,13 +32,13 @@ def compute_tolerance(cost: Floats, cheapest: float) -> float:
     It bounds the rounding of sums of steps that cost at least `cheapest`, from either end. It stays
     below half a step, so that the steps always lead towards the start.
     """
-    greatest = greatest_cost(cost)
+    greatest = find_greatest_cost(cost)
     rounding = 4 * 2.0**-53 * greatest / cheapest  # a sum errs by 2^-53 at most
     return min(greatest * min(rounding, TIE), cheapest / 2)
 
 
 @njit(nogil=True, cache=True)
-def greatest_cost(cost: Floats) -> float:
+def find_greatest_cost(cost: Floats) -> float:
     """Return the maximum finite cost of a search, whose costs may be negative."""
     bits, infinity_bits = cost.view(np.int64), np.int64(0x7FF0000000000000)  # that of infinity
     greatest = np.zeros(1, np.int64)

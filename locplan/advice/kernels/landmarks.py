@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Numbers, Octets, Singles
-from locplan._support.kernels.rays import cast
+from locplan._support.kernels.rays import cast_ray
 
 RANGE, NORMAL_X, NORMAL_Y, TURN = 0, 1, 2, 3
 """Columns of a hit; the range is infinite and all else 0 without one."""
@@ -44,7 +44,7 @@ class RouteRays(NamedTuple):
 class MapSurfaces(NamedTuple):
     """Surfaces of a map, for rays."""
 
-    squares: Octets  # (4, H + 2, W + 2) see `rays.empty_squares`
+    squares: Octets  # (4, H + 2, W + 2) see `rays.compute_empty_squares`
     normals: Singles  # (H, W, 2) unit normals (row, col) of the cells that stop a ray
     resolution: float  # edge of a cell [m]
 
@@ -72,7 +72,7 @@ def _write_hit(surfaces: MapSurfaces, rays: RouteRays, n: int, b: int, hit: Sing
     x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     bearing = rays.first[n] + b * rays.step
     dx, dy = np.cos(bearing), np.sin(bearing)
-    at, row, col = cast(
+    at, row, col = cast_ray(
         squares, y / resolution, x / resolution, dy, dx, rays.max_range / resolution
     )
     at *= resolution

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Numbers
-from locplan._support.kernels.rays import TOUCH, segment_cost
+from locplan._support.kernels.rays import TOUCH, compute_segment_cost
 
 
 @njit(nogil=True, cache=True)
@@ -32,8 +32,8 @@ def line_cost(half: Array, columns: int, frame: Numbers, a: Array, b: Array) -> 
             for right in (-TOUCH, TOUCH):
                 if half[int(row + up) * columns + int(col + right)] == np.inf:
                     return np.inf
-    forward_cost = segment_cost(half, columns, row0, col0, row1, col1, False)
-    return max(forward_cost, segment_cost(half, columns, row1, col1, row0, col0, False))
+    forward_cost = compute_segment_cost(half, columns, row0, col0, row1, col1, False)
+    return max(forward_cost, compute_segment_cost(half, columns, row1, col1, row0, col0, False))
 
 
 @njit(nogil=True, cache=True)

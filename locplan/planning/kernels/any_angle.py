@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints
-from locplan._support.kernels.rays import segment_cost
+from locplan._support.kernels.rays import compute_segment_cost
 from locplan._support.kernels.search import find_cost_range, put_into_bucket
 
 
@@ -51,7 +51,7 @@ def shortcut(
             if distance > 0:
                 # The path itself is taken as it is, also where it cuts a corner.
                 allowed = corner_cutting or i == j - 1
-                step = segment_cost(half, columns, from_row, from_col, row, col, allowed)
+                step = compute_segment_cost(half, columns, from_row, from_col, row, col, allowed)
             if best[i] + step <= limit:
                 best[j], before[j] = best[i] + step, i
     indices = np.empty(count, np.int64)
@@ -86,13 +86,17 @@ def shift(
             if along == 0:
                 continue
             normal_row, normal_col = step * (col0 - col1) / along, step * (row1 - row0) / along
-            lowest_cost = segment_cost(half, columns, row0, col0, row, col, corner_cutting)
-            lowest_cost += segment_cost(half, columns, row, col, row1, col1, corner_cutting)
+            lowest_cost = compute_segment_cost(half, columns, row0, col0, row, col, corner_cutting)
+            lowest_cost += compute_segment_cost(half, columns, row, col, row1, col1, corner_cutting)
             for side in (-1.0, 1.0):
                 to_row, to_col = row + side * normal_row, col + side * normal_col
-                cost = segment_cost(half, columns, row0, col0, to_row, to_col, corner_cutting)
+                cost = compute_segment_cost(
+                    half, columns, row0, col0, to_row, to_col, corner_cutting
+                )
                 if cost < lowest_cost:
-                    cost += segment_cost(half, columns, to_row, to_col, row1, col1, corner_cutting)
+                    cost += compute_segment_cost(
+                        half, columns, to_row, to_col, row1, col1, corner_cutting
+                    )
                 if cost < lowest_cost:
                     lowest_cost, still, stirred[k] = cost, False, True
                     shifted[k, 0], shifted[k, 1] = to_row, to_col

@@ -15,7 +15,7 @@ from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints, Numbers
 from locplan._support.kernels.outlines import CollisionMap, find_first_hit
-from locplan._support.kernels.rays import TOUCH, segment_cost
+from locplan._support.kernels.rays import TOUCH, compute_segment_cost
 from locplan.planning.kernels import curves
 from locplan.planning.kernels.curves import QUARTER, STRAIGHT, TURN
 
@@ -61,7 +61,7 @@ def motion_cost(
             total += compute_arc_cost(ground, piece, radius)
         else:
             layer = half[_find_layer(heading - first, len(half))]
-            total += segment_cost(layer, columns, y, x, y1, x1, corner_cutting)
+            total += compute_segment_cost(layer, columns, y, x, y1, x1, corner_cutting)
         if total == np.inf:
             break
         x, y, heading = x1, y1, heading1
@@ -123,7 +123,9 @@ def _compute_line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> fl
     half, columns, first, corner_cutting = ground
     layers = len(half)
     if layers == 1:
-        return segment_cost(half[0], columns, start[1], start[0], end[1], end[0], corner_cutting)
+        return compute_segment_cost(
+            half[0], columns, start[1], start[0], end[1], end[0], corner_cutting
+        )
     heading = start[2] - first
     turn = end[2] - start[2]
     turn -= TURN * round(turn / TURN)
@@ -134,7 +136,7 @@ def _compute_line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> fl
         layer = half[_find_layer(heading + turn * (shares[n] + shares[n + 1]) / 2, layers)]
         x0, y0 = start[0] + shares[n] * dx, start[1] + shares[n] * dy
         x1, y1 = start[0] + shares[n + 1] * dx, start[1] + shares[n + 1] * dy
-        total += segment_cost(layer, columns, y0, x0, y1, x1, corner_cutting)
+        total += compute_segment_cost(layer, columns, y0, x0, y1, x1, corner_cutting)
         if total == np.inf:
             break
     return total

@@ -14,7 +14,7 @@ from numba import njit
 
 from locplan._support.kernels.arrays import Array, Bools, Floats, Numbers
 from locplan._support.kernels.outlines import CollisionMap, find_first_hit
-from locplan._support.kernels.rays import segment_cost
+from locplan._support.kernels.rays import compute_segment_cost
 from locplan.planning.kernels import curves
 from locplan.planning.kernels.motions import (
     MotionGround,
@@ -63,7 +63,7 @@ def compute_step_costs(ground: MotionGround, drive: MotionModel, poses: Floats) 
         layer = _half_density_at(ground, heading)
         ends = poses[n, 1], poses[n, 0], poses[n + 1, 1], poses[n + 1, 0]
         # The path itself is taken as it is, also where it cuts a corner.
-        cost = segment_cost(layer, ground.columns, *ends, True)
+        cost = compute_segment_cost(layer, ground.columns, *ends, True)
         result[n] = cost * (1.0 if now > 0 else drive.reverse)
         if now != 0:
             result[n] += drive.gear_change * (gear * now < 0)
@@ -97,7 +97,7 @@ def curve_cost(ground: MotionGround, drive: MotionModel, start: Numbers, end: Nu
                 cost = compute_arc_cost(ground, (x, y, heading, turns[n], length), drive.radius)
             else:
                 layer = _half_density_at(ground, heading)
-                cost = segment_cost(layer, ground.columns, y, x, y1, x1, False)
+                cost = compute_segment_cost(layer, ground.columns, y, x, y1, x1, False)
             total += cost * (1.0 if length > 0 else drive.reverse)
             total += drive.gear_change * (gear * length < 0)
             gear = length

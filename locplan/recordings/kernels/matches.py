@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints, Octets, Shorts
-from locplan._support.kernels.lidar import LidarBeams, lever, write_scan_ends
+from locplan._support.kernels.lidar import LidarBeams, compute_lidar_offset, write_scan_ends
 from locplan._support.kernels.likelihood import TOP, LikelihoodField, ScanLattice, make_weights
 from locplan._support.kernels.posterior import compute_posterior
 from locplan._support.kernels.simd import (
@@ -204,7 +204,7 @@ def cast_ranges(
     for n in range(len(poses)):
         row, col, heading = poses[n]
         write_scan_ends(squares, resolution, row, col, heading, lidar, ends)
-        lever_x, lever_y = lever(lidar, heading, resolution)
+        lever_x, lever_y = compute_lidar_offset(lidar, heading, resolution)
         for b in range(lidar.angles.size):
             distance = np.hypot(ends[b, 0] - lever_x, ends[b, 1] - lever_y)
             ranges[n, b] = np.inf if np.isnan(distance) else distance * resolution

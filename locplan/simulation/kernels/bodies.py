@@ -27,7 +27,7 @@ class Body(NamedTuple):
 class Surroundings(NamedTuple):
     """The true world of a drive."""
 
-    squares: Octets  # (4, H + 2, W + 2) as `rays.empty_squares` gives them
+    squares: Octets  # (4, H + 2, W + 2) as `rays.compute_empty_squares` gives them
     resolution: float  # edge of a cell [m]
 
 

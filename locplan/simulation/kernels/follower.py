@@ -20,8 +20,8 @@ from locplan._support.kernels.arrays import Floats, Ints, Random
 from locplan._support.kernels.drives import (
     FilterState,
     OdometryErrors,
-    advance,
-    correct,
+    advance_particles,
+    correct_particles,
     estimate_pose,
     is_update_due,
 )
@@ -241,7 +241,7 @@ def follow(
     tracker : Tracker
         The filter, begun.
     scores, lidar, disturbances, odometry, settings
-        As for `drives.drive`.
+        As for `drives.simulate_drive`.
     perfect : bool
         Whether the filter's pose is the true one.
     """
@@ -256,7 +256,7 @@ def follow(
         else:
             due = is_update_due(tracker, trace.reported, n, settings)
             if due:
-                advance(sensing, tracker, trace.reported, n, settings)
+                advance_particles(sensing, tracker, trace.reported, n, settings)
             if due or n == 0:
                 x, y, cell[2] = trace.truth[n]
                 cell[0], cell[1] = y / resolution, x / resolution
@@ -264,7 +264,7 @@ def follow(
                 for b in range(len(ends)):
                     ends[b, 0] *= finer
                     ends[b, 1] *= finer
-                correct(sensing, tracker, scores, ends, n, settings)
+                correct_particles(sensing, tracker, scores, ends, n, settings)
             believe(estimate_pose(tracker, trace.reported, n), frame, trace)
         decision = decide(path, surroundings, body, period, trace)
         if decision != GO:
