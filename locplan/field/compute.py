@@ -137,7 +137,9 @@ def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
     """Compute the values of a tile, on a worker that must have the same engine."""
     if engine != tiles.ENGINE:
         engine_text = f"engine {tiles.ENGINE}, not {engine}"
-        raise FieldError(f"a worker has another locplan ({engine_text}); install the same one")
+        raise FieldError(
+            f"a worker has another version of locplan ({engine_text}); install the same one"
+        )
     return estimator.covariances(part)
 
 

@@ -95,7 +95,7 @@ class FieldConfig(Settings):
             )
         if headings == 1 < self.estimator.headings:
             raise ConfigError(
-                "what this lidar sees depends on the heading: set headings above 1, or to 0"
+                "the view of this lidar depends on the heading; set headings above 1, or to 0"
             )
         set_frozen_fields(self, headings=headings)
 

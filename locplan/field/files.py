@@ -188,7 +188,7 @@ def read_field(file: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     metadata = read_metadata(file)
     if metadata.get("engine") != tiles.ENGINE:
         raise FieldError(
-            f"{file}: its values are those of another locplan (engine"
+            f"{file}: its values come from another version of locplan (engine"
             f" {metadata.get('engine')!s:.9},"
             f" not {tiles.ENGINE}); compute it again"
         )
@@ -218,8 +218,7 @@ def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
     if not readable:
         raise FieldError(
             f"a field of estimator {short_repr(estimator.name)} could not be read again; give the"
-            " class"
-            " a name of its own and settings fit for JSON, and register it:"
+            " class a unique name and settings fit for JSON, and register it:"
             f" locplan.field.ESTIMATORS[{estimator.name!r}] = {kind.__qualname__}"
         )
     for name, shape in tiles.compute_field_shapes(grid, config).items():

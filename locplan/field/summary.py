@@ -200,7 +200,7 @@ def select_spaced_positions(xy: Floats, priority: Floats, spacing: float) -> Int
     Examples
     --------
     >>> xy = np.array([[0.1, 0.5], [0.9, 0.5], [1.1, 0.5], [2.5, 0.5]])
-    >>> well_spaced(xy, np.array([1.0, 2.0, 3.0, 1.0]), 0.9).tolist()
+    >>> select_spaced_positions(xy, np.array([1.0, 2.0, 3.0, 1.0]), 0.9).tolist()
     [2, 0, 3]
     """
     from scipy.spatial import cKDTree

@@ -137,7 +137,7 @@ def find_unchanged_points(
         if getattr(before, name) != getattr(after, name):
             raise FieldError(
                 f"the field's map has {name} {getattr(before, name)}, but the new one"
-                f" {getattr(after, name)}; compute a field of its own for it"
+                f" {getattr(after, name)}; compute a new field"
             )
     stride = config.stride_cells(after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)

@@ -400,7 +400,7 @@ class Costmap(CostLayers, StoredObject):
         check_instance("field", field, CovarianceField, "compute one with field.update(grid)")
         grid, settings = field.grid, self.settings
         if settings is None or settings.config != field.config:
-            raise ConfigError("a costmap is updated by a field of its own config only")
+            raise ConfigError("the field has another config than the costmap; make a new costmap")
         window = join_windows(window, find_changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.is_interpolated.any():
             costs = self._remake(field, settings, self.zones)

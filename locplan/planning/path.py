@@ -147,7 +147,7 @@ class Path(EqualByValue):
         columns = [name.strip() for name in names.split(",")]
         if "x_m" in columns:
             raise LocplanError(
-                f"{file}: names its columns x_m, y_m, as an older locplan did; name them x, y,"
+                f"{file}: its columns have the former names x_m, y_m; name them x, y,"
                 " and heading_rad heading"
             )
         used = COLUMNS if "heading" in columns else COLUMNS[:2]

@@ -53,7 +53,8 @@ class PlannerResult:
         if self.path is not None:
             if self.status not in ("not found", "solved"):
                 raise ConfigError(
-                    f"a path is found: its status is solved, not {short_repr(self.status)}"
+                    "the status of a result with a path must be solved, not"
+                    f" {short_repr(self.status)}"
                 )
             object.__setattr__(self, "status", "solved")
 

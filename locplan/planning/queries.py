@@ -233,7 +233,7 @@ def _read_rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str
             raise LocplanError(f"{place}: name is empty; give each row one")
         if name in rows:
             raise LocplanError(
-                f"{place}: another row is named {short_repr(name)}; name each otherwise"
+                f"{place}: another row is named {short_repr(name)}; give each row a unique name"
             )
         rows[name] = place, values
     if not rows:
@@ -280,7 +280,7 @@ def random_queries(
     Raises
     ------
     ConfigError
-        If no two positions that are joined lie so far apart, or a value is out of its range.
+        If no two connected positions lie so far apart, or a value is out of its range.
     """
     check_random(count, seed, min_distance)
     random = np.random.default_rng(seed)
@@ -318,7 +318,7 @@ class _QueryParts:
         widths = [_compute_distances(*pair) for pair in ends]
         if max(widths) < self._min:
             raise ConfigError(
-                f"{costs.grid.name or 'the map'}: no two positions that are joined lie"
+                f"{costs.grid.name or 'the map'}: no two connected positions lie"
                 f" {min_distance:g} m apart; the farthest are"
                 f" {max(widths) * costs.grid.resolution:.2f} m; choose a smaller minimum distance"
             )

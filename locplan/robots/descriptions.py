@@ -274,7 +274,7 @@ def read_lidar(file: Path, lidar: Lidar | None = None) -> Lidar:
     with name_file_in_errors(file):
         if file.suffix.lower() in (".yaml", ".yml"):
             raise ConfigError(
-                "parameters name no lidar, their ranges only limit one; name a lidar of"
+                "Nav2's parameters only limit a lidar's range; name a lidar of"
                 " locplan.robots.LIDARS, or give the robot's URDF or SDF"
             )
         tree = RobotLinks(_read_root(file), file)

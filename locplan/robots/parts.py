@@ -49,7 +49,7 @@ class Kinematics(Settings):
         super().__post_init__()
         if (self.drive == "car-like") != (self.turning_radius > 0):
             raise ConfigError(
-                "a car-like robot, and no other, has a turning_radius above 0; this one is"
+                "turning_radius must be above 0 for a car-like robot, otherwise 0; this robot is"
                 f" {self.drive} with {self.turning_radius:g} m"
             )
 

@@ -82,5 +82,5 @@ def test_process_computes_same_field(process, grid):
 
 def test_workers_with_another_engine_are_refused(process, grid, monkeypatch):
     monkeypatch.setattr("locplan.field.tiles.ENGINE", 99)
-    with pytest.raises(FieldError, match="another locplan"):
+    with pytest.raises(FieldError, match="another version of locplan"):
         covariance_field(grid, CONFIG, executor=process)

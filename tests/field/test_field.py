@@ -422,7 +422,7 @@ def test_an_update_without_a_change_computes_nothing(rooms, field):
     "change", [{"resolution": 0.1}, {"origin": (0.0, 0.0, 0.0)}, {"cells": np.full((9, 9), FREE)}]
 )
 def test_an_update_is_for_the_same_geometry(rooms, field, change):
-    with pytest.raises(FieldError, match="a field of its own"):
+    with pytest.raises(FieldError, match="compute a new field"):
         field.update(dataclasses.replace(rooms, **change))
 
 

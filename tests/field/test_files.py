@@ -129,7 +129,7 @@ def test_field_of_another_engine_is_refused(field, saved, monkeypatch):
     """Its values may differ from those that its settings give now."""
     monkeypatch.setattr("locplan.field.tiles.ENGINE", 99)
     with pytest.raises(
-        FieldError, match=r"another locplan \(engine .*, not 99\); compute it again"
+        FieldError, match=r"another version of locplan \(engine .*, not 99\); compute it again"
     ):
         CovarianceField.load(saved)
 

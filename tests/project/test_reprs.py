@@ -192,7 +192,7 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
         (lambda g, f, c: Simulator(g, Robot(filter=3)), "filter must be an Amcl"),
         (
             lambda g, f, c: PlannerResult(Path([(0, 0)]), "timeout"),
-            "a path is found: its status is solved",
+            "the status of a result with a path must be solved",
         ),
     ],
 )

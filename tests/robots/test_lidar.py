@@ -334,7 +334,7 @@ def test_named_lidar_warns_if_no_link_is_scanner(tmp_path):
 
 def test_parameters_of_nav2_name_no_lidar(tmp_path):
     (tmp_path / "nav2.yaml").write_text("amcl: {ros__parameters: {laser_max_range: 12.0}}")
-    with pytest.raises(ConfigError, match="name no lidar, their ranges only limit one"):
+    with pytest.raises(ConfigError, match="only limit a lidar's range"):
         Lidar.from_file(tmp_path / "nav2.yaml")
 
 

@@ -103,8 +103,8 @@ def test_parts_of_other_kinds_are_refused(part, said):
 @pytest.mark.parametrize(
     ("drive", "said"),
     [
-        ({"drive": "car-like"}, "a car-like robot, and no other, has a turning_radius above 0"),
-        ({"turning_radius": 0.5}, "this one is differential with 0.5 m"),
+        ({"drive": "car-like"}, "turning_radius must be above 0 for a car-like robot"),
+        ({"turning_radius": 0.5}, "this robot is differential with 0.5 m"),
         ({"drive": "legs"}, "drive must be one of differential, omnidirectional, car-like"),
         ({"reverse": 1}, "reverse must be a bool"),
         ({"speed": 0.0}, "speed must be positive"),
@@ -188,7 +188,7 @@ def test_settings_of_a_part_that_is_not_known_make_one():
         ({"range": 8, "min_range": 9}, r"min_range \(9.0 m\) must be below range \(8.0 m\)"),
         ({"footprint": [[1, 1], [2, 1], [2, 2]]}, "footprint must be a polygon around"),
         ({"footprint": "0.3m"}, "footprint must be at least 0, not '0.3m'"),
-        ({"drive": "car-like"}, "has a turning_radius above 0"),
+        ({"drive": "car-like"}, "turning_radius must be above 0"),
     ],
 )
 def test_changes_that_cannot_be_are_refused(changes, said):
@@ -250,7 +250,7 @@ def test_a_description_has_the_lidar(tmp_path):
         ("robot: {lidar: sonar}", "lidar must be one of"),
         ("robot: {margin: -1}", "margin must be at least 0, not -1"),
         ("robot: {footprint: [[1, 2]]}", "footprint must be three or more finite corners"),
-        ("robot: {kinematics: {drive: car-like}}", "kinematics: a car-like robot"),
+        ("robot: {kinematics: {drive: car-like}}", "kinematics: turning_radius must be above 0"),
         ("robot: 3", "has no parameters of Nav2's nodes; give Nav2's .* or a robot's file"),
     ],
 )
@@ -309,7 +309,9 @@ def test_a_planners_motion_model_is_the_robots(tmp_path, planner, expected):
 def test_a_turning_radius_that_cannot_be_is_refused(tmp_path):
     own = "a: {plugin: nav2_smac_planner/SmacPlannerHybrid, minimum_turning_radius: 0.0}"
     text = f"planner_server: {{ros__parameters: {{planner_plugins: [a], {own}}}}}"
-    with pytest.raises(ConfigError, match=r"nav2\.yaml: planner_server: a: a car-like robot"):
+    with pytest.raises(
+        ConfigError, match=r"nav2\.yaml: planner_server: a: turning_radius must be above 0"
+    ):
         from_nav2(tmp_path, text)
 
 

@@ -135,7 +135,7 @@ def test_plan_keeps_the_outline_of_the_robot(run, hall):
     code, out, err = run(*asked, "--budget", "20")  # which keeps no outline
     assert code == 0, err
     assert json.loads(out)["settings"]["budget"] == 20
-    assert "as the circle of" in err
+    assert "for a circular robot of radius" in err
 
 
 def test_later_files_and_options_win(run, hall):
