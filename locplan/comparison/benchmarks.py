@@ -39,7 +39,7 @@ def read_benchmark_map(file: Path) -> OccupancyGrid:
 
 
 def read_movingai_map(path: str | os.PathLike[str], resolution: float = 1.0) -> OccupancyGrid:
-    """Read a map of MovingAI's benchmarks: passable cells are free, all others are walls.
+    """Read a map of MovingAI's benchmarks: passable cells are free, the rest are walls.
 
     The first row of the file is the top of the map, at the greatest y.
 

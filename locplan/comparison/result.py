@@ -300,7 +300,7 @@ class Comparison(Result):
             ],
             "baseline": self.baseline,
             "command": self.command,
-            "summaries": [_statistics_to_plain_data(contrast) for contrast in self.summaries()],
+            "summaries": [_statistics_to_plain_data(summary) for summary in self.summaries()],
             "contrasts": [_statistics_to_plain_data(contrast) for contrast in self.contrasts()],
         }
 

@@ -1,4 +1,4 @@
-"""Export formats with their options, which are checked before any long computation."""
+"""Export formats, with options that are checked before any long computation."""
 
 from __future__ import annotations
 

@@ -205,7 +205,7 @@ def nav2_speed(
     distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path or sequence of path, optional
-        Nav2's parameters to merge ours into, as for `nav2_keepout`.
+        The robot's Nav2 parameter files, as for `nav2_keepout`.
     force : bool, default False
         True overwrites files of the same names in the folder.
 

@@ -240,7 +240,7 @@ class Nav2Robot:
 
     @property
     def other_files(self) -> list[str]:
-        """Names of the other files."""
+        """Names of the files except the main one."""
         return [
             parameter_file.name for parameter_file in self.files if parameter_file != self.main_file
         ]
@@ -298,7 +298,7 @@ class Nav2Robot:
             )
 
     def note_speed_filters(self, filter_name: str) -> Iterator[str]:
-        """Yield a note for each other speed filter of the robot."""
+        """Yield a note for each speed filter that the robot already has."""
         advice = "both publish limits, and the last one applies; merge the masks, or remove one"
         for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
             for name, value in self.parameters.read_node_parameters(costmap).items():

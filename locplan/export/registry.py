@@ -1,4 +1,4 @@
-"""Export formats, and export folders, which are written completely or not at all."""
+"""Export formats, and export folders that are written completely or not at all."""
 
 from __future__ import annotations
 
