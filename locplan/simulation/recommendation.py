@@ -135,7 +135,9 @@ TUNING_FAILS = (
     " the shortest path."
 )
 BLIND = "The lidar sees too few walls on {share:.0f} % of the shortest path."
-STILL_LOST = "The robot still gets lost in at least half of the drives. Run `locplan check`."
+STILL_LOST = "The robot still gets lost in at least half of the drives."
+RUN_CHECK = "Run `locplan check`."
+"""The next command after `STILL_LOST`; the page of the explorer has no commands."""
 LITTLE = "The gain is less than 2 cm, and the robot never gets lost on the shortest path either."
 
 
@@ -310,7 +312,7 @@ def _iterate_advice(decision: Decision) -> Iterator[str]:
         return
     yield format_tune_first(decision)
     if recommended.driven.lost_rate.value >= MOSTLY_LOST and not format_tune_first(decision):
-        yield STILL_LOST
+        yield f"{STILL_LOST} {RUN_CHECK}"
         yield format_tuning_fails(decision)
     gain = shortest.driven.error.value - recommended.driven.error.value
     if decision.best and decision.settings.minimise == "rmse" and gain < SMALL_GAIN:

@@ -18,7 +18,7 @@ from locplan.planning.path import Path
 from locplan.planning.plans import SHORTEST
 from locplan.simulation.problem import ComputeField, RecommendationSettings
 from locplan.simulation.race import Candidate
-from locplan.simulation.recommendation import Recommendation
+from locplan.simulation.recommendation import RUN_CHECK, Recommendation
 from locplan.simulation.recommender import recommend_path
 
 if TYPE_CHECKING:
@@ -90,7 +90,11 @@ def describe_recommendation(recommendation: Recommendation) -> dict[str, Any]:
     return {
         "verdict": headline,
         "evidence": recommendation.reached_text,
-        "advice": [sentence for sentence in details if sentence != recommendation.reached_text],
+        "advice": [
+            sentence.removesuffix(RUN_CHECK).rstrip()
+            for sentence in details
+            if sentence != recommendation.reached_text
+        ],
         "recommended": recommended.name,
         "candidates": [
             _describe_candidate(candidate, recommendation)
