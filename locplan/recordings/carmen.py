@@ -77,7 +77,7 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
     times = lines[:, 6]
     ordered, stamps_back = bool((np.diff(times) > 0).all()), int((np.diff(times) < 0).sum())
     if not ordered:
-        log.notes.append("its stamps are coarse or out of order: there are no times")
+        log.notes.append("its stamps are coarse or out of order, so times were dropped")
     source = RecordingSource(
         file=path.name,
         scans=kind,
@@ -116,7 +116,8 @@ def _choose_kind(log: _CarmenLog, requested_kind: str | None) -> str:
         return kind
     have = ", ".join(sorted(log.other_lines | log.scans.keys())[:12]) or "nothing"
     raise RecordingError(
-        f"has no scans ({kind or 'FLASER or ROBOTLASER1'} lines) but {have}; is it a log of CARMEN?"
+        f"has no scans ({kind or 'FLASER or ROBOTLASER1'} lines); it has {have};"
+        " pass a log of CARMEN"
     )
 
 
@@ -150,7 +151,7 @@ def _derive_poses(
     lines = compute_scan_odometry(poses, scans[:, 6], before, log.odometry_lines[:, :4])
     reported = reported if lines is None else lines
     if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < 0.02:
-        log.notes.append("its odometry is the poses, which may be odometry alone")
+        log.notes.append("its odometry equals its poses, which may be uncorrected")
         reported = None
     return poses, reported, (x, y, yaw)
 
@@ -160,11 +161,11 @@ def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
     log, bad, requested_kind = _CarmenLog(), 0, options.scan_topic
     if requested_kind not in (None, *KINDS):
         raise RecordingError(
-            f"has no scans on {requested_kind}; scan_topic= can be {' or '.join(KINDS)}"
+            f"has no scans on {requested_kind}; set scan_topic= to {' or '.join(KINDS)}"
         )
     for number, line in read_numbered_lines(path, "replace"):
         if bad:
-            raise RecordingError(f"line {bad} is cut off or damaged; take it out")
+            raise RecordingError(f"line {bad} is cut off or damaged; remove it")
         name = line[:24].split(maxsplit=1)[0] if line[:24].strip() else "#"
         try:
             if name == "ODOM":
@@ -177,9 +178,9 @@ def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
             elif not name.startswith("#") and len(log.other_lines) < 100:
                 log.other_lines.add(name if name.isprintable() else "?")
         except (ValueError, IndexError, OverflowError):
-            bad = number  # the last line of a log whose writer was stopped is no fault
+            bad = number  # the last line may be cut off if recording was stopped
     if bad:
-        log.notes.append(f"its last line, {bad}, is cut off, and left out")
+        log.notes.append(f"its last line, {bad}, is cut off and was dropped")
     return log
 
 

@@ -151,7 +151,7 @@ def _read_file(path: Path, options: ReadOptions, progress: ProgressCallback | No
     if name.endswith(".npz"):
         return _read_npz(path, options)
     suffix_list = ", ".join((*BAGS, *CARMEN, ".npz"))
-    raise RecordingError(f"is of no kind that is known ({suffix_list}, or a folder of rosbag2)")
+    raise RecordingError(f"has an unknown format; use {suffix_list}, or a folder of rosbag2")
 
 
 def _is_built_in(path: Path) -> bool:
@@ -177,7 +177,7 @@ def _read_npz(path: Path, options: ReadOptions) -> Recording:
     except OSError as error:
         raise RecordingError(f"cannot be read ({error.strerror or error})") from None
     except ValueError as error:
-        raise RecordingError(f"is damaged, or no .npz file ({error}); copy it again") from None
+        raise RecordingError(f"is not a valid .npz file ({error}); copy it again") from None
     missing = [name for name in ("ranges", "poses", "lidar") if name not in arrays]
     if missing:
         raise RecordingError(

@@ -86,8 +86,8 @@ class ReadOptions(LogTopics):
             mount=_parse_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"),
         )
         for name, upper_limit, requirement in (
-            ("window", math.inf, "two times from the start on, the first one earlier [s]"),
-            ("range_limits", MAX_RANGE, "a least and a greatest distance [m]"),
+            ("window", math.inf, "a start and a later end after the first scan [s]"),
+            ("range_limits", MAX_RANGE, "a minimum and a maximum distance [m]"),
         ):
             ends = getattr(self, name)
             if ends and not 0 <= ends[0] < ends[1] <= upper_limit:
@@ -104,7 +104,7 @@ class ReadOptions(LogTopics):
             allowed = of_robot and topic_field.name in of_robots
             if getattr(self, topic_field.name) != topic_field.default and not allowed:
                 raise ConfigError(
-                    f"{topic_field.name} is for {kinds}, and {file_kind} has none; leave it out"
+                    f"{topic_field.name} applies only to {kinds}, not to {file_kind}; omit it"
                 )
 
     def make_lidar(self, values: Mapping[str, Any]) -> Lidar:
@@ -119,7 +119,7 @@ class ReadOptions(LogTopics):
         try:
             lidar = Lidar(**values)
         except LocplanError as error:
-            raise RecordingError(f"its lidar cannot be: {error}") from None
+            raise RecordingError(f"its lidar is invalid: {error}") from None
         if self.mount is not None:
             x, y, yaw = self.mount
             lidar = replace(lidar, mount_x=x, mount_y=y, mount_yaw_deg=math.degrees(yaw))
@@ -171,8 +171,7 @@ def check_memory_limit(n_scans: int, n_beams: int, max_bytes: int) -> None:
     if n_scans == (max_scans := max_bytes // max(256, 4 * n_beams)):
         raise RecordingError(
             f"over {max_scans:,} scans of {n_beams} beams take too much memory; read every n-th"
-            " (every=),"
-            " or a part of the log"
+            " scan (every=), or a part of the log"
         )
 
 
@@ -250,17 +249,17 @@ class ScanRows:
     def _set_beams(
         self, first: float, step: float, count: int, min_range: float, max_range: float
     ) -> None:
+        """Set the beams of all scans to those of the first scan."""
         if not (math.isfinite(first) and math.isfinite(step) and step and 0 < count < MAX_BEAMS):
             raise RecordingError(
-                f"its first scan has {count} beams from {first:g} rad on, {step:g} rad apart, which"
-                " is no scan"
+                f"its first scan is invalid: {count} beams from {first:g} rad, {step:g} rad apart"
             )
         if self._limits is not None:
             min_range, max_range = self._limits
         elif not 0 < max_range <= MAX_RANGE:
             raise RecordingError(
-                f"its scans name a greatest range of {max_range:g} m; give the lidar's own as"
-                " range_limits=(least, greatest)"
+                f"its scans have an invalid maximum range of {max_range:g} m; set"
+                " range_limits=(min, max)"
             )
         if step < 0:
             first, step = first + step * (count - 1), -step
@@ -309,7 +308,7 @@ def check_poses(name: str, values: object) -> Floats:
         x, y, heading = poses[scan]
         raise RecordingError(
             f"{name} {scan} must be finite and within ±{FARTHEST:g} m, not"
-            f" {x:g}, {y:g}, {heading:g}; leave such scans out"
+            f" {x:g}, {y:g}, {heading:g}; remove such scans"
         )
     inside = (np.abs(poses[:, 2]) <= np.pi).all()
     return (

@@ -106,7 +106,7 @@ class Recording:
         if not returns.any():
             raise RecordingError(
                 f"no beam of {len(ranges)} scans ends within {self.lidar.min_range:g} to"
-                f" {self.lidar.range:g} m; are the ranges in metres, and the lidar's right?"
+                f" {self.lidar.range:g} m; check that the ranges are in metres, and the lidar"
             )
         if not (returns | (ranges == np.inf)).all():
             ranges = freeze_array(np.where(returns, ranges, np.float32(np.inf)))
@@ -114,10 +114,10 @@ class Recording:
         if self.times is not None:
             times = check_array("times", self.times, np.dtype(np.float64), 1)
             if times.shape != (len(poses),) or not np.isfinite(times).all():
-                raise RecordingError(f"times must be {len(poses)} finite seconds, one of each scan")
+                raise RecordingError(f"times must be {len(poses)} finite seconds, one per scan")
             if (np.diff(times) < 0).any():
                 scan = int(np.argmax(np.diff(times) < 0)) + 1
-                raise RecordingError(f"times go back at scan {scan}; give None if they are wrong")
+                raise RecordingError(f"times decrease at scan {scan}; pass None if they are wrong")
             set_frozen_fields(self, times=times)
         if self.odometry is not None:
             odometry = check_poses("odometry", self.odometry)
@@ -130,7 +130,7 @@ class Recording:
             speeds = check_array("speeds", self.speeds, np.dtype(np.float64), 1)
             if speeds.shape != (len(poses),):
                 raise RecordingError(
-                    f"speeds must be {len(poses)} numbers, one of each scan, not {speeds.shape}"
+                    f"speeds must be {len(poses)} numbers, one per scan, not {speeds.shape}"
                 )
             set_frozen_fields(self, speeds=speeds)
 
@@ -158,9 +158,8 @@ class Recording:
             index = np.asarray(selection)
             if index.ndim != 1 or index.dtype.kind not in "biu":
                 raise RecordingError(
-                    "scans are chosen by a slice, indices or a mask, not"
-                    f" {short_repr(selection)}; take"
-                    " drive[n : n + 1] for one"
+                    "scans are selected by a slice, indices or a mask, not"
+                    f" {short_repr(selection)}; use drive[n : n + 1] for a single scan"
                 )
         try:
             poses = self.poses[index]
@@ -169,7 +168,7 @@ class Recording:
                 f"the recording has {len(self)} scans; there are none at these indices"
             ) from None
         if not len(poses):
-            raise RecordingError(f"none of {len(self)} scans is chosen; take more")
+            raise RecordingError(f"none of {len(self)} scans is selected; select at least one")
         return replace(
             self,
             ranges=freeze_array(self.ranges[index]),
@@ -204,7 +203,7 @@ class Recording:
         """
         start, end = check_number("start", start), check_number("end", end)
         if self.times is None:
-            raise RecordingError("the recording has no times; choose scans by their indices")
+            raise RecordingError("the recording has no times; select scans by their indices")
         after = self.times - self.times[0]
         inside = (after >= start) & (after < end)
         if not inside.any():

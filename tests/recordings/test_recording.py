@@ -78,7 +78,7 @@ def test_headings_are_wrapped():
         ({"poses": [[0.0, 0.0]] * 6}, "poses must be rows of x, y, heading"),
         ({"poses": "here"}, "poses must be an array of numbers, not 'here'"),
         ({"odometry": [[0.0, 0.0, 0.0]]}, "odometry must be a pose for each of 6 scans, not 1"),
-        ({"times": [0.0, 1, 2, 3, 2, 5]}, "times go back at scan 4"),
+        ({"times": [0.0, 1, 2, 3, 2, 5]}, "times decrease at scan 4"),
         ({"times": [0.0]}, "times must be 6 finite seconds"),
         ({"ranges": np.ones((6, 4))}, r"ranges must be \(scans, beams\) for 6 poses and 5 beams"),
         ({"ranges": np.full((6, 5), 900.0)}, "no beam of 6 scans ends within 0.2 to 8 m"),
@@ -168,10 +168,10 @@ def test_arrays_of_other_programs_are_read(tmp_path):
     assert read_recording(path).ranges.tolist() == [[1.5, np.inf]]
     for arrays, words in (
         ({"lidar": "{"}, "its lidar must be JSON"),
-        ({"lidar": '{"range": -1}'}, "its lidar cannot be: range must be"),
+        ({"lidar": '{"range": -1}'}, "its lidar is invalid: range must be"),
         ({"lidar": '{"reach": 8}'}, "its lidar has no 'reach'; known are range, min_range"),
         ({"poses": [[0, 0, np.nan]]}, "pose 0 must be finite"),
-        ({"poses": np.array([{}])}, "is damaged"),
+        ({"poses": np.array([{}])}, "is not a valid .npz file"),
     ):
         np.savez(path, **{"ranges": [[1.0, 2.0]], "poses": [[0, 0, 0]], "lidar": lidar} | arrays)
         with pytest.raises(LocplanError, match=f"a.npz: {words}"):
@@ -185,13 +185,13 @@ def test_arrays_of_other_programs_are_read(tmp_path):
     ("options", "words"),
     [
         ({"every": 0}, "every must be a whole number"),
-        ({"window": (2.0, 1.0)}, "window must be two times"),
+        ({"window": (2.0, 1.0)}, "window must be a start and a later end"),
         ({"window": 3.0}, "window must be two numbers"),
-        ({"range_limits": (3.0, 1.0)}, "range_limits must be a least and a greatest"),
+        ({"range_limits": (3.0, 1.0)}, "range_limits must be a minimum and a maximum"),
         ({"mount": (1.0, 2.0)}, "mount must be x, y"),
-        ({"pose_topic": "/pose"}, "pose_topic is for bags"),
-        ({"scan_topic": "/scan"}, "scan_topic is for logs of robots"),
-        ({"map_frame": "world"}, "map_frame is for logs of robots"),
+        ({"pose_topic": "/pose"}, "pose_topic applies only to bags"),
+        ({"scan_topic": "/scan"}, "scan_topic applies only to logs of robots"),
+        ({"map_frame": "world"}, "map_frame applies only to logs of robots"),
         ({"scan_topic": ""}, "scan_topic must be a name"),
         ({"map_frame": ""}, "map_frame must be a name"),
     ],
@@ -207,7 +207,7 @@ def test_unknown_files_are_refused(tmp_path):
     with pytest.raises(RecordingError, match="there is no such file"):
         read_recording(tmp_path / "a.npz")
     (tmp_path / "a.txt").write_text("x")
-    with pytest.raises(RecordingError, match=r"of no kind that is known \(.mcap"):
+    with pytest.raises(RecordingError, match=r"unknown format; use .mcap"):
         read_recording(tmp_path / "a.txt")
     with pytest.raises(RecordingError, match=r"is a folder without metadata.yaml, with no bag"):
         read_recording(tmp_path)
@@ -305,8 +305,8 @@ def test_robotlaser_tells_its_angles_and_range(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "has no scans .* but nothing; is it a log of CARMEN"),
-        (format_odom((0, 0, 0)) + "NEFF 3\n", "has no scans .* but NEFF"),
+        ("", "has no scans .* it has nothing; pass a log of CARMEN"),
+        (format_odom((0, 0, 0)) + "NEFF 3\n", "has no scans .* it has NEFF"),
         (
             format_flaser((0, 0, 0))[:30] + "\n" + format_odom((0, 0, 0)),
             "line 1 is cut off or damaged",
