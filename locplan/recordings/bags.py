@@ -282,9 +282,9 @@ def _select_in_namespace(topics: Sequence[str], scan_topic: str) -> list[str]:
 
     Examples
     --------
-    >>> _near_namespace(["/a/tf", "/a/tf_static", "/b/tf"], "/a/front/scan")
+    >>> _select_in_namespace(["/a/tf", "/a/tf_static", "/b/tf"], "/a/front/scan")
     ['/a/tf', '/a/tf_static']
-    >>> _near_namespace(["/tf", "/tf_static"], "/a/scan")
+    >>> _select_in_namespace(["/tf", "/tf_static"], "/a/scan")
     ['/tf', '/tf_static']
     """
     spaces = {topic: topic.rpartition("/")[0] + "/" for topic in topics}
