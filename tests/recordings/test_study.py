@@ -139,7 +139,7 @@ def test_recording_replaces_files_by_force_alone(run, files):
         (("--align=a,b,c",), "--align must be 3 numbers"),
         (("--range-limits=1",), "--range-limits must be 2 numbers"),
         (("--range-limits=3,2",), "--range-limits must be a minimum and a maximum"),
-        (("--pose-topic=/pose",), "--pose-topic is for bags"),
+        (("--pose-topic=/pose",), "--pose-topic applies only to bags"),
         (("--start=1,2",), "--start needs a heading; write X,Y,DEG"),
         (("--start=nan,0,0",), "X,Y,DEG with a heading in degrees"),
         (("--start=1,2,0",), "--start has no effect without a map"),
