@@ -391,7 +391,7 @@ def recommend_paths(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
-    >>> robot = robot.changed({"min_particles": 100, "max_particles": 100})
+    >>> robot = robot.with_settings({"min_particles": 100, "max_particles": 100})
     >>> ends = [((2.0, 3.0), (8.0, 3.0)), ((8.0, 3.0), (2.0, 3.0))]
     >>> settings = RecommendationSettings(drives=4)
     >>> blank = locplan.Costmap.blank(grid)

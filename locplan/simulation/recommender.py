@@ -140,7 +140,7 @@ def recommend_path(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
-    >>> robot = robot.changed({"min_particles": 100, "max_particles": 100})
+    >>> robot = robot.with_settings({"min_particles": 100, "max_particles": 100})
     >>> blank = locplan.Costmap.blank(grid)
     >>> settings = RecommendationSettings(drives=8)
     >>> ends = (2.0, 3.0), (38.0, 3.0)
