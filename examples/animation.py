@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import locplan
 from locplan.maps.figures import draw_map
-from locplan.planning.figures import draw_ends
+from locplan.planning.figures import draw_start_and_goal
 from locplan.simulation import Arrivals, Simulator, drive_closed
 
 MAP = Path(__file__).resolve().parent.parent / "maps" / "hall.yaml"
@@ -38,7 +38,7 @@ def main(folder: str = "animation", step: float = 1.0, drives: int = DRIVES) -> 
     figure = Figure(figsize=(8.0, 7.0), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(7, 3))
     draw_map(above, grid)
-    draw_ends(above, START, GOAL)
+    draw_start_and_goal(above, START, GOAL)
     crowds = [
         RobotCrowd(name, paths[name], arrivals, above, below) for name, arrivals in driven.items()
     ]

@@ -38,7 +38,7 @@ from scipy.stats import spearmanr
 
 import locplan
 from locplan._support import drawing as style
-from locplan._support.drawing import Picture, save_figure
+from locplan._support.drawing import NotebookFigure, save_figure
 from locplan._support.intervals import Interval, compute_wilson_interval, estimate_mean
 from locplan.field.config import SHORT_LIDAR
 from locplan.planning import describe_map, random_queries
@@ -548,11 +548,11 @@ def levels_table(cases: Sequence[Case]) -> str:
     return markdown(["error, lost, off at the end", *SETTINGS], rows)
 
 
-def levels_figure(cases: Sequence[Case]) -> Picture:
+def levels_figure(cases: Sequence[Case]) -> NotebookFigure:
     """Draw errors above shares of lost drives, simulation next to recordings."""
     sources = list(dict.fromkeys(case.source for case in cases))
     summaries = [summarize_levels(cases, source) for source in sources]
-    figure = Picture(figsize=(1.5 + 5.2 * len(sources), 5.8), layout="constrained")
+    figure = NotebookFigure(figsize=(1.5 + 5.2 * len(sources), 5.8), layout="constrained")
     panels = figure.subplots(
         2,
         len(sources),

@@ -60,7 +60,7 @@ def main(folder: str = "method") -> None:
         print(f"{name} path: {metrics.length:.1f} m long, {metrics.integrated_u:.1f} m degenerate")
         label = f"{name}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate"
         figures.draw_path(axes, path, color="black", linestyle=style, label=label)
-    figures.draw_ends(axes, START, GOAL)
+    figures.draw_start_and_goal(axes, START, GOAL)
     axes.legend(loc="center")
     Path(folder).mkdir(parents=True, exist_ok=True)
     figure.savefig(Path(folder) / "method.png")

@@ -25,7 +25,7 @@ from matplotlib.patches import Rectangle, Wedge
 
 import locplan
 from locplan import CovarianceField
-from locplan._support.drawing import BLUE, ERROR_COLOURS, MAP_COLOURS, Picture, save_figure
+from locplan._support.drawing import BLUE, ERROR_COLOURS, MAP_COLOURS, NotebookFigure, save_figure
 from locplan.field import OffsetLattice, Sad, position_axes, sample_covariances, scalar
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.maps.figures import compute_figure_size, downsample, draw_cells, draw_map
@@ -245,7 +245,7 @@ def slides_figure(slides: Sequence[TemplateSlide]) -> Figure:
 
     Each is a template and a map above the curves of the seven models.
     """
-    figure = Picture(figsize=(5 * len(slides), 6.4), layout="constrained")
+    figure = NotebookFigure(figsize=(5 * len(slides), 6.4), layout="constrained")
     rows = figure.subplots(2, len(slides), squeeze=False, height_ratios=(1, 2))
     for upper, lower, slide in zip(*rows, slides, strict=True):
         _draw_strip(upper, slide)
@@ -334,13 +334,13 @@ def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[A
     """Figure and Axes for maps of one size, one above the other where that shows them larger."""
     width, height = compute_figure_size(next(iter(fields.values())).grid)
     shape = (len(fields), 1) if 1.4 * width > height else (1, len(fields))
-    figure = Picture(figsize=(width * shape[1], height * shape[0]), layout="constrained")
+    figure = NotebookFigure(figsize=(width * shape[1], height * shape[0]), layout="constrained")
     return figure, figure.subplots(*shape, squeeze=False).ravel().tolist()
 
 
 def models_figure(offsets: Floats, curves: Mapping[str, Floats], axis: str, title: str) -> Figure:
     """Draw the seven models along one axis of the search window at a place."""
-    figure = Picture(figsize=(7, 4.6), layout="constrained")
+    figure = NotebookFigure(figsize=(7, 4.6), layout="constrained")
     axes = figure.subplots()
     turned = axis == "theta"
     draw_models(axes, np.degrees(offsets) if turned else offsets, curves)
@@ -373,7 +373,7 @@ def distribution_figure(distributions: Mapping[str, Floats], window: OffsetLatti
     planes = [("x", "y"), ("x", "θ"), ("y", "θ")][: 3 if window.dimension == 3 else 1]
     axes = dict.fromkeys("xy", (window.offsets, window.half_steps))
     axes["θ"] = np.degrees(window.angles), window.half_rotations
-    figure = Picture(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
+    figure = NotebookFigure(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
     parts = figure.subfigures(len(distributions), 1, squeeze=False)[:, 0]
     for part, (label, mismatch) in zip(parts, distributions.items(), strict=True):
         nothing = "" if mismatch.any() else ": S = 0 everywhere"

@@ -23,10 +23,25 @@ from scipy.spatial import cKDTree
 
 import locplan
 from locplan import FieldConfig, Fisher, Fused, Lidar, OccupancyGrid, Sad, Scan
-from locplan._support.intervals import BootstrapResamples, Interval, Rank, make_generator, rank
+from locplan._support.intervals import (
+    BootstrapResamples,
+    Interval,
+    RankStatistics,
+    make_generator,
+    rank,
+)
 from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
-from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams as KernelLidar, measure_ends
-from locplan._support.kernels.likelihood import NOWHERE, LikelihoodField, ScanLattice, make_lattice
+from locplan._support.kernels.lidar import (
+    BeamDisturbances,
+    LidarBeams as KernelLidar,
+    simulate_measured_ends,
+)
+from locplan._support.kernels.likelihood import (
+    NOWHERE,
+    LikelihoodField,
+    ScanLattice,
+    make_scan_lattice,
+)
 from locplan._support.kernels.posterior import score_scan
 from locplan._support.poses import find_window
 from locplan.field import equip_robot, scalar
@@ -129,8 +144,8 @@ def driven_once(simulator: Simulator, lines: list[Floats]) -> Floats:
     errors = np.empty((len(lines), *lines[0].shape))
 
     def run(n: int) -> None:
-        line = simulator.make_line(lines[n])
-        stage = simulator.make_stage([line])
+        line = simulator.make_drive_poses(lines[n])
+        stage = simulator.make_world_region([line])
         errors[n] = stage.drive(line, stage.make_world(0, n), 0, n, simulator.arguments, NO_FAULT)
 
     simulator.run_in_threads(run, len(lines), None)
@@ -180,7 +195,7 @@ def matched(simulator: Simulator, cells: Ints, scans: int) -> Floats:
         simulator.grid.cells, resolution, step, half_steps, sigma_hit=0.1, z_rand=0.05
     )
     angles = np.linspace(-np.pi / 3, np.pi / 3, 61)
-    window = field, make_lattice(half_steps, angles), angles
+    window = field, make_scan_lattice(half_steps, angles), angles
     sensed = simulator.arguments.lidar, simulator.arguments.disturbances
     worlds, errors = simulator.worlds, np.empty((len(cells), scans, 3))
 
@@ -239,7 +254,7 @@ def match_scans(
         pose[0], pose[1] = row + random.random(), col + random.random()
         pose[2] = (2 * random.random() - 1) * np.pi
         aside = (random.random() - 0.5) * turn_step  # offset of the window's heading
-        measure_ends(random, squares, resolution, pose, lidar, disturbances, measured)
+        simulate_measured_ends(random, squares, resolution, pose, lidar, disturbances, measured)
         cos, sin = np.cos(pose[2] + aside), np.sin(pose[2] + aside)
         for b in range(len(ends)):
             ends[b, 0] = cos * measured[b, 0] - sin * measured[b, 1]
@@ -338,7 +353,7 @@ class Evaluation:
     predictions: Sequence[dict[Predictor, Floats]]
 
     @cached_property
-    def ranks(self) -> dict[tuple[Predictor, ErrorKind], Rank]:
+    def ranks(self) -> dict[tuple[Predictor, ErrorKind], RankStatistics]:
         """Rank statistics of each predictor for each kind of error.
 
         Deviations of the heading are compared with the heading's error, all others with the

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import locplan
 from locplan._support import drawing as style
-from locplan._support.drawing import MAP_COLOURS, Picture, save_figure
+from locplan._support.drawing import MAP_COLOURS, NotebookFigure, save_figure
 from locplan.maps import FREE, OCCUPIED, hollow_walls
 from locplan.maps.figures import draw_cells, draw_map
 
@@ -37,7 +37,7 @@ def main(folder: str = "solid_walls", map_file: str | Path = "") -> None:
     drive, field = scans(solid), Field(solid)
     chosen, wrong = misleading(drive, field)
     on_robot, true = drive.ends_on_robot()[chosen], drive.poses[chosen]
-    figure = Picture(figsize=(11, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(11, 4.2), layout="constrained")
     panels = (
         ("walls black inside,\nthe scan where it was taken", field, true),
         ("walls black inside,\nthe same scan elsewhere", field, wrong),

@@ -91,19 +91,19 @@ def inline_workers(monkeypatch):
     """Comparisons start no processes: for tests of what is compared, not of what runs it."""
     from support.comparison_runs import InlineWorkers
 
-    monkeypatch.setattr("locplan.comparison.experiment.Workers", InlineWorkers)
+    monkeypatch.setattr("locplan.comparison.experiment.WorkerPool", InlineWorkers)
 
 
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pictures are empty files, since drawing takes longer than what the test looks at."""
-    from locplan._support.drawing import Picture
+    from locplan._support.drawing import NotebookFigure
 
     def write_nothing(_, target, **_options):
         if isinstance(target, str | Path):
             Path(target).touch()
 
-    monkeypatch.setattr(Picture, "savefig", write_nothing)
+    monkeypatch.setattr(NotebookFigure, "savefig", write_nothing)
 
 
 @pytest.fixture

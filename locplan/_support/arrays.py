@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.reading import open_file
+from locplan._support.reading import open_plain_file
 
 
 def read_arrays(
@@ -38,7 +38,7 @@ def read_arrays(
     """
     import zipfile
 
-    with open_file(file) as content:
+    with open_plain_file(file) as content:
         try:
             with zipfile.ZipFile(content) as archive:
                 members = {

@@ -36,7 +36,7 @@ def check_number(name: str, value: object, low: float = -math.inf, high: float =
     limits = "a number"
     if math.isfinite(low):
         limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
-    raise ConfigError(f"{name} must be {limits}{_maximum_text(value)}, not {short_repr(value)}")
+    raise ConfigError(f"{name} must be {limits}{_format_maximum(value)}, not {short_repr(value)}")
 
 
 def check_positive(name: str, value: object, unit: str = "") -> float:
@@ -49,7 +49,8 @@ def check_positive(name: str, value: object, unit: str = "") -> float:
     requirement = f"a positive number of {unit}" if unit else "positive"
     minimum_text = f" of at least {1 / MAX_AMOUNT:g}" if is_number(value) and 0 < value < 1 else ""
     raise ConfigError(
-        f"{name} must be {requirement}{minimum_text}{_maximum_text(value)}, not {short_repr(value)}"
+        f"{name} must be {requirement}{minimum_text}{_format_maximum(value)}, not"
+        f" {short_repr(value)}"
     )
 
 
@@ -70,15 +71,15 @@ def check_integer(name: str, value: object, low: int = 1, high: float = math.inf
 def check_choice(name: str, value: object, choices: Collection[str]) -> object:
     """Return the value if it is one of the choices."""
     if not (isinstance(value, str) and value in choices):
-        choice_list, guess = ", ".join(choices), suggestion_text(value, choices)
+        choice_list, guess = ", ".join(choices), format_suggestion(value, choices)
         raise ConfigError(f"{name} must be one of {choice_list}, not {short_repr(value)}{guess}")
     return value
 
 
-def suggestion_text(value: object, choices: Iterable[str]) -> str:
+def format_suggestion(value: object, choices: Iterable[str]) -> str:
     """Return the end of an error about an unknown name: the most similar known one, if any.
 
-    >>> suggestion_text("turtlebot_4", ["turtlebot3", "turtlebot4"])
+    >>> format_suggestion("turtlebot_4", ["turtlebot3", "turtlebot4"])
     "; did you mean 'turtlebot4'?"
     """
     names = {name.lower(): name for name in choices}
@@ -193,7 +194,7 @@ class _ShortRepr(reprlib.Repr):
 _SHORT = _ShortRepr()
 
 
-def _maximum_text(value: object) -> str:
+def _format_maximum(value: object) -> str:
     """Return the part of an error message on too large numbers."""
     return f" and at most {MAX_AMOUNT:g}" if is_number(value) and abs(value) > MAX_AMOUNT else ""
 
@@ -249,7 +250,9 @@ def _find_check(owner: type, name: str) -> tuple[Any, ...]:
 
 def describe_changed_settings(settings: Settings) -> list[str]:
     """Return name and value of each setting that differs from its default."""
-    return [f"{name} {_plain(value)}" for name, value in _find_changed_settings(settings)]
+    return [
+        f"{name} {_format_setting_value(value)}" for name, value in _find_changed_settings(settings)
+    ]
 
 
 def _find_changed_settings(settings: Any) -> Iterator[tuple[str, Any]]:
@@ -267,7 +270,7 @@ def _find_changed_settings(settings: Any) -> Iterator[tuple[str, Any]]:
             yield setting_field.name, value
 
 
-def _plain(value: object) -> str:
+def _format_setting_value(value: object) -> str:
     """Return the text of a parameter: a number, true or false, or a word without its package."""
     if isinstance(value, bool):
         return str(value).lower()

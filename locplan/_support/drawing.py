@@ -99,7 +99,7 @@ MIN_TICKS, MAX_TICKS = 3, 8
 """Number of ticks that tell a scale, and that are read."""
 
 
-class Picture(Figure):
+class NotebookFigure(Figure):
     """A figure of matplotlib that a notebook shows when a cell returns it.
 
     Its texts are shown as they are, but for the numbers at its axes: a map's name may hold signs
@@ -331,7 +331,7 @@ def _format_power_of_ten(value: float, _: object) -> str:
 def draw_number(
     axes: Axes,
     number: int,
-    at: tuple[float, float],
+    position: tuple[float, float],
     offset: tuple[float, float],
     color: str,
     **style: Any,
@@ -344,7 +344,7 @@ def draw_number(
         The Axes to draw on.
     number : int
         The number.
-    at : (x, y)
+    position : (x, y)
         World position of the place [m].
     offset : (x, y)
         Distance of the number from it [points].
@@ -356,7 +356,7 @@ def draw_number(
     centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 5} | style
     axes.annotate(
         str(number),
-        at,
+        position,
         offset,
         textcoords="offset points",
         bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": color},
@@ -383,7 +383,7 @@ class CellImage(AxesImage):
         """Scale the image to the pixels of the Axes; matplotlib calls it."""
         import cv2
 
-        colours = self._colours()
+        colours = self._compute_cell_colours()
         visible_box = Bbox.intersection(self.get_window_extent(), self.axes.bbox)
         if unsampled or colours is None or visible_box is None:
             return super().make_image(renderer, magnification, unsampled)
@@ -419,7 +419,7 @@ class CellImage(AxesImage):
             pixels[..., :3] = np.minimum(mixed, pixels)[..., :3]
         return pixels, left / magnification, bottom / magnification, IdentityTransform()
 
-    def _colours(self) -> Octets | None:
+    def _compute_cell_colours(self) -> Octets | None:
         """Colours of the cells, (h, w, 4); None where matplotlib is to find them itself."""
         values, (low, high) = self.get_array(), self.get_clim()
         if values is None or values.ndim != 2 or low is None or high is None:

@@ -31,7 +31,7 @@ def protect_input(path: Path) -> None:
     """Mark a file as an input; without effect outside `protect_inputs`."""
     inputs = _INPUTS.get()
     if inputs is not None:
-        inputs.add(_real(path))
+        inputs.add(_resolve_links(path))
 
 
 def check_target(path: Path, *suffixes: str) -> None:
@@ -41,15 +41,15 @@ def check_target(path: Path, *suffixes: str) -> None:
     """
     if path.is_dir() and path.suffix.lower() in suffixes:
         raise LocplanError(f"{path}: is a folder; name a file in it")
-    _check_place(path, *suffixes)
+    _check_writable_place(path, *suffixes)
 
 
-def check_folder(folder: Path) -> None:
+def check_writable_folder(folder: Path) -> None:
     """Raise a LocplanError unless results can be written into a folder, which need not exist.
 
     It is called before long work; the folder is made when there is something to write.
     """
-    with shorten_errors(folder):
+    with translate_write_errors(folder):
         existing_parent = next(
             parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent)
         )
@@ -66,14 +66,14 @@ def check_folder(folder: Path) -> None:
 
 def make_folder(folder: Path) -> None:
     """Make a folder and those above it, unless they exist."""
-    check_folder(folder)
-    with shorten_errors(folder):
+    check_writable_folder(folder)
+    with translate_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
 
 
-def check_no_input(path: Path) -> None:
+def check_replaces_no_input(path: Path) -> None:
     """Raise a LocplanError if writing there replaces an input, or a folder with one in it."""
-    target = _real(path)
+    target = _resolve_links(path)
     for input_file in _INPUTS.get() or ():
         if target in (input_file, *input_file.parents):
             raise LocplanError(
@@ -81,14 +81,14 @@ def check_no_input(path: Path) -> None:
             )
 
 
-def _real(path: Path) -> Path:
+def _resolve_links(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
-def _check_place(path: Path, *suffixes: str) -> None:
+def _check_writable_place(path: Path, *suffixes: str) -> None:
     if suffixes and path.suffix.lower() not in suffixes:
         raise LocplanError(f"{path}: must end in {', '.join(suffixes)}")
-    check_no_input(path)
+    check_replaces_no_input(path)
     if not path.parent.exists():
         raise LocplanError(f"{path}: the folder {path.parent} does not exist; make it first")
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
@@ -96,7 +96,7 @@ def _check_place(path: Path, *suffixes: str) -> None:
 
 
 @contextmanager
-def shorten_errors(path: Path) -> Iterator[None]:
+def translate_write_errors(path: Path) -> Iterator[None]:
     """Translate an OSError of writing to a LocplanError of one line."""
     try:
         yield

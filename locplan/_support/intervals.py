@@ -152,7 +152,7 @@ def assign_blocks(poses: Floats, length: float = 10.0) -> Ints:
     return np.asarray((compute_travel_distances(poses) / length).astype(np.int64))
 
 
-def draw_blocks(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
+def count_block_draws(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
     """Return the number of times that each value's block is drawn, (resamples, n).
 
     There are no resamples of fewer than five blocks.
@@ -163,18 +163,18 @@ def draw_blocks(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
     return _count_draws(np.random.default_rng(0), len(block_numbers), resamples)[:, number]
 
 
-def estimate_block_mean(values: Floats, blocks: Ints, counted: Floats | None = None) -> Interval:
+def estimate_block_mean(values: Floats, blocks: Ints, is_counted: Floats | None = None) -> Interval:
     """Return the mean of values (n,) with a 95 % interval over blocks; NaN for too few blocks.
 
-    Only values with 1 in `counted` (n,) count; by default all.
+    Only values with 1 in `is_counted` (n,) count; by default all.
     """
-    counted = np.ones(len(values)) if counted is None else counted
-    if not counted.any():
+    is_counted = np.ones(len(values)) if is_counted is None else is_counted
+    if not is_counted.any():
         return _make_point_estimate(np.nan)
-    weights = draw_blocks(blocks) * counted
+    weights = count_block_draws(blocks) * is_counted
     with np.errstate(invalid="ignore"):  # none that counts may be drawn
         means = (weights @ values) / weights.sum(axis=1)
-    return interval_from_resamples(float(np.average(values, weights=counted)), means)
+    return interval_from_resamples(float(np.average(values, weights=is_counted)), means)
 
 
 def bootstrap_statistics(
@@ -186,7 +186,7 @@ def bootstrap_statistics(
     """
     estimates = statistic(np.ones(len(blocks)))
     resampled_statistics = np.array(
-        [statistic(statistic_samples) for statistic_samples in draw_blocks(blocks, resamples)]
+        [statistic(statistic_samples) for statistic_samples in count_block_draws(blocks, resamples)]
     )
     samples = resampled_statistics.reshape(-1, len(estimates)).T
     return [
@@ -196,7 +196,7 @@ def bootstrap_statistics(
 
 
 @dataclass(frozen=True)
-class Rank:
+class RankStatistics:
     """Rank statistics of one predictor.
 
     Intervals are percentiles of a bootstrap over the places or, with several maps, over the maps
@@ -230,7 +230,9 @@ class BootstrapResamples:
         return cls(places, maps)
 
 
-def rank(values: Sequence[Floats], errors: Sequence[Floats], resamples: BootstrapResamples) -> Rank:
+def rank(
+    values: Sequence[Floats], errors: Sequence[Floats], resamples: BootstrapResamples
+) -> RankStatistics:
     """Compute statistics of how well values rank errors.
 
     Parameters
@@ -258,7 +260,7 @@ def rank(values: Sequence[Floats], errors: Sequence[Floats], resamples: Bootstra
         axis=1,
     )
     means = (within_drawn * resamples.maps).sum(axis=1) / resamples.maps.sum(axis=1)
-    return Rank(
+    return RankStatistics(
         interval_from_resamples(
             spearman(all_values, all_errors), _compute_spearmans(all_values, all_errors, weights)
         ),

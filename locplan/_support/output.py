@@ -22,8 +22,13 @@ from typing import Any
 
 from locplan._support import runs
 from locplan._support.checks import check_file_path
-from locplan._support.files import check_folder, check_no_input, check_target, shorten_errors
-from locplan._support.reading import open_file, parse_json, read_text
+from locplan._support.files import (
+    check_replaces_no_input,
+    check_target,
+    check_writable_folder,
+    translate_write_errors,
+)
+from locplan._support.reading import open_plain_file, parse_json, read_text
 from locplan._support.supervision import announce_folder
 from locplan.errors import LocplanError
 
@@ -37,7 +42,7 @@ _STAGED = re.compile(rf"[\\/]{re.escape(PREFIX)}(unlocked-)?[a-z0-9_]{{8}}[\\/]{
 
 
 @dataclass(frozen=True)
-class Output:
+class ResultOutput:
     """A file or a folder of results, which need not exist.
 
     Results replace unchanged earlier results of their kind. A folder with further files or results
@@ -63,7 +68,7 @@ class Output:
         return self.target.parent if self.is_file else self.target
 
     @property
-    def _home(self) -> Path:
+    def _absolute_folder(self) -> Path:
         return self._folder.absolute()
 
     @property
@@ -72,24 +77,24 @@ class Output:
 
     def check(self, *names: str) -> None:
         """Raise a LocplanError unless files of these names can be written; before long work."""
-        for folder in (self._home, *self._home.parents):
-            clear_abandoned(folder)  # the folder may exist only since a run was killed
+        for folder in (self._absolute_folder, *self._absolute_folder.parents):
+            clear_abandoned_folders(folder)  # the folder may exist only since a run was killed
         if self.is_file:
             check_target(self.target)
         else:
-            check_folder(self.target)
+            check_writable_folder(self.target)
         for name in names:
             self._check_name(name)
-        kind, recorded_digests = runs.read_outputs(self._home / self._run_name)
+        kind, recorded_digests = runs.read_outputs(self._absolute_folder / self._run_name)
         if self.force:
             return
         if kind not in (None, self.kind):
             fault = f"holds the results of another command ({kind})"
             raise LocplanError(f"{self.target}: {fault}; {self._remedy}")
         expected_names = {*self.unfinished, self._run_name if kind else ""}
-        for name in self._present():
+        for name in self._list_present_names():
             if name not in expected_names and recorded_digests.get(name, "") != compute_file_digest(
-                self._home / name
+                self._absolute_folder / name
             ):
                 fault = "was changed after locplan wrote it"
                 if name not in recorded_digests:
@@ -106,24 +111,26 @@ class Output:
         self.check()
         base = next(
             existing_parent
-            for existing_parent in (self._home, *self._home.parents)
+            for existing_parent in (self._absolute_folder, *self._absolute_folder.parents)
             if existing_parent.is_dir()
         )
-        with shorten_errors(self.target), temporary_folder(base) as staging:
-            within = self._home.relative_to(base)
+        with translate_write_errors(self.target), temporary_folder(base) as staging:
+            within = self._absolute_folder.relative_to(base)
             new = staging / NEW / within
             new.mkdir(parents=True)
             try:
                 yield new / self.target.name if self.is_file else new
             except LocplanError as error:
-                text = strip_staging_folder(str(error)).replace(str(self._home), str(self._folder))
+                text = strip_staging_folder(str(error)).replace(
+                    str(self._absolute_folder), str(self._folder)
+                )
                 raise type(error)(text) from None
             self.check(*(written := _compute_digests(new)))
             if not written:
                 return
-            kind, recorded_digests = runs.read_outputs(self._home / self._run_name)
+            kind, recorded_digests = runs.read_outputs(self._absolute_folder / self._run_name)
             present = {
-                name: compute_file_digest(self._home / name)
+                name: compute_file_digest(self._absolute_folder / name)
                 for name in {**recorded_digests, **written}
             }
             unchanged = {
@@ -132,37 +139,45 @@ class Output:
             is_more = adds and kind == self.kind
             stale = set() if is_more else unchanged - written.keys()
             outputs = {name: recorded_digests[name] for name in unchanged - stale} | written
-            text = runs.format_run(Path(strip_staging_folder(self._home)), self.kind, outputs)
+            text = runs.format_run(
+                Path(strip_staging_folder(self._absolute_folder)), self.kind, outputs
+            )
             (new / self._run_name).write_text(text, encoding="utf-8")
-            present[self._run_name] = compute_file_digest(self._home / self._run_name)
+            present[self._run_name] = compute_file_digest(self._absolute_folder / self._run_name)
             moves, removals = (
                 {(within / name).as_posix(): present[name] for name in names}
                 for names in ((*written, self._run_name), stale)
             )
             write_move_journal(staging, moves, removals)
-        if not _STAGED.search(str(self._home)):  # results within others are noted with these
+        if not _STAGED.search(
+            str(self._absolute_folder)
+        ):  # results within others are noted with these
             described = describe_files(self.purposes, written)
             files = [(self._folder / name, purpose) for name, purpose in described]
-            runs.note_written(self.target, files, len(written) - len(files))
+            runs.record_written_files(self.target, files, len(written) - len(files))
 
     @property
     def _remedy(self) -> str:
         names = "file, or overwrite it" if self.is_file else "folder, or overwrite equal names"
         return f"name another {names} with --force (in Python force=True)"
 
-    def _present(self) -> Iterable[str]:
+    def _list_present_names(self) -> Iterable[str]:
         """Names of the files that are there, hidden ones aside."""
         if self.is_file:
             names = [self.target.name, self._run_name]
-            return [name for name in names if os.path.lexists(self._home / name)]
-        return list_files(self._home)
+            return [name for name in names if os.path.lexists(self._absolute_folder / name)]
+        return list_files(self._absolute_folder)
 
     def _check_name(self, name: str) -> None:
-        file = self._home / name
-        check_no_input(file)
+        file = self._absolute_folder / name
+        check_replaces_no_input(file)
         if file.is_dir() and not file.is_symlink():
             raise LocplanError(f"{file}: is a folder, but a file goes there; move it")
-        if file.parent != self._home and os.path.lexists(file.parent) and not file.parent.is_dir():
+        if (
+            file.parent != self._absolute_folder
+            and os.path.lexists(file.parent)
+            and not file.parent.is_dir()
+        ):
             raise LocplanError(f"{file.parent}: is a file, but a folder goes there; move it")
 
 
@@ -179,9 +194,9 @@ class ResultFiles:
     purposes: Mapping[str, str] = field(default_factory=dict)
     """Purpose of a file by its name or pattern, the most useful first."""
 
-    def into(self, folder: Path, *names: str, force: bool = False) -> Output:
+    def into(self, folder: Path, *names: str, force: bool = False) -> ResultOutput:
         """Return the output into a folder, checked for these files and more before the work."""
-        output = Output(
+        output = ResultOutput(
             folder, self.kind, force, unfinished=self.unfinished, purposes=self.purposes
         )
         output.check(*self.names, *names)
@@ -211,8 +226,8 @@ def replace_file(target: str | os.PathLike[str]) -> Iterator[Path]:
     It has the target's name, since writers choose the format by its suffix.
     """
     path = check_file_path("a file to write", target)
-    check_no_input(path)
-    with shorten_errors(path), temporary_folder(path.parent) as folder:
+    check_replaces_no_input(path)
+    with translate_write_errors(path), temporary_folder(path.parent) as folder:
         new = folder / path.name
         new.touch()
         yield new
@@ -226,7 +241,7 @@ def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
     It is removed at the end.
     """
     home = os.path.abspath(parent or gettempdir())
-    clear_abandoned(home)
+    clear_abandoned_folders(home)
     folder, lock = _make_locked_folder(home)
     announce_folder(str(folder))
     try:
@@ -284,7 +299,7 @@ def is_below(file: Path, folder: Path) -> bool:
     return file.parent.resolve().is_relative_to(folder.resolve()) and file.name != ".."
 
 
-def clear_abandoned(folder: str | os.PathLike[str]) -> None:
+def clear_abandoned_folders(folder: str | os.PathLike[str]) -> None:
     """Clear the temporary folders in a folder that killed processes have left."""
     with suppress(OSError):  # it cannot be listed, or is gone
         for name in filter(_NAME.fullmatch, os.listdir(folder)):
@@ -322,7 +337,7 @@ def list_files(folder: Path) -> Iterator[str]:
 def compute_file_digest(file: Path) -> str | None:
     """SHA-256 of a file, or None if there is none that can be read."""
     try:
-        with open_file(file) as content:
+        with open_plain_file(file) as content:
             return hashlib.file_digest(content, "sha256").hexdigest()
     except (OSError, ValueError):  # the latter for names that no file can have
         return None

@@ -18,7 +18,7 @@ Poses = NDArray[np.float64]
 """Array of poses (x, y, heading) in the world, (n, 3) [m, m, rad]."""
 
 
-def place_ends(ends: Floats, poses: Floats) -> Floats:
+def move_ends_to_poses(ends: Floats, poses: Floats) -> Floats:
     """Ends (n, beams, 2) on robots at poses (n, 3), in the frame of the poses [m]."""
     cos, sin = (part(poses[:, 2])[:, None] for part in (np.cos, np.sin))
     x = poses[:, 0, None] + cos * ends[..., 0] - sin * ends[..., 1]
@@ -56,9 +56,9 @@ def compute_motions(start_poses: Floats, end_poses: Floats) -> Floats:
     return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
 
 
-def apply_motions(poses: Floats, ways: Floats) -> Floats:
+def apply_motions(poses: Floats, motions: Floats) -> Floats:
     """Return the poses after motions from start poses, (..., 3) [m, m, rad]."""
-    ahead, left, turn = np.moveaxis(ways, -1, 0)
+    ahead, left, turn = np.moveaxis(motions, -1, 0)
     cos, sin = np.cos(poses[..., 2]), np.sin(poses[..., 2])
     x = poses[..., 0] + cos * ahead - sin * left
     y = poses[..., 1] + sin * ahead + cos * left
@@ -94,7 +94,7 @@ Edge = tuple[str, str]
 IDENTITY: Transform = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
-class Track:
+class TransformTrack:
     """The samples of a moving pose that lie next to given times: all that interpolation needs.
 
     However long the pose was recorded, no more than two samples a time are kept. `steady` is one
@@ -185,31 +185,35 @@ class FrameTree:
 
     def __init__(self, times: Sequence[float]) -> None:
         self._times = self.times = times
-        self._edges: dict[Edge, Transform | Track] = {}
+        self._edges: dict[Edge, Transform | TransformTrack] = {}
         self._left_out: set[Edge] = set()
 
     def add_static(self, parent: str, child: str, pose: Transform) -> None:
         """Add a transform that holds at all times."""
         if is_transform(pose):
-            self._edges[frame_name(parent), frame_name(child)] = pose
+            self._edges[normalize_frame_name(parent), normalize_frame_name(child)] = pose
 
     def add(self, time: float, parent: str, child: str, pose: Transform) -> None:
         """Add a transform at a time."""
-        edge = frame_name(parent), frame_name(child)
+        edge = normalize_frame_name(parent), normalize_frame_name(child)
         if edge in self._left_out:
             return
         track = self._edges.get(edge)
         if track is None:
-            track = self._edges[edge] = Track(self._times, steady=True)
-        if isinstance(track, Track):
+            track = self._edges[edge] = TransformTrack(self._times, steady=True)
+        if isinstance(track, TransformTrack):
             track.add(time, pose)
 
     def drop_unrelated_tracks(self, target: str, sources: Iterable[str]) -> None:
         """Drop moving transforms that do not connect the frames, such as those of wheels."""
         connecting = {
-            edge for transform in sources for edge, _ in self._chain(target, transform) or ()
+            edge
+            for transform in sources
+            for edge, _ in self._find_edge_chain(target, transform) or ()
         }
-        moving = {edge for edge, transform in self._edges.items() if isinstance(transform, Track)}
+        moving = {
+            edge for edge, transform in self._edges.items() if isinstance(transform, TransformTrack)
+        }
         self._left_out |= moving - connecting
         self._edges = {
             k: transform for k, transform in self._edges.items() if k not in self._left_out
@@ -223,7 +227,7 @@ class FrameTree:
     @property
     def clock(self) -> tuple[float, float]:
         """Times of the first and the last sample that moves; infinite if there is none."""
-        tracks = [track for track in self._edges.values() if isinstance(track, Track)]
+        tracks = [track for track in self._edges.values() if isinstance(track, TransformTrack)]
         begins, ends = [track.begin for track in tracks], [track.end for track in tracks]
         return min(begins, default=math.inf), max(ends, default=-math.inf)
 
@@ -243,26 +247,26 @@ class FrameTree:
 
     def has_chain(self, target: str, source: str) -> bool:
         """True if a chain of transforms connects two frames."""
-        return self._chain(target, source) is not None
+        return self._find_edge_chain(target, source) is not None
 
     def pose(self, target: str, source: str) -> Floats | None:
         """Return the pose of the source frame in the target frame at all times, (n, 7), or None.
 
         NaN at times without a transform; None if the frames are not connected.
         """
-        chain = self._chain(target, source)
+        chain = self._find_edge_chain(target, source)
         if chain is None:
             return None
         source_poses = np.tile(np.array(IDENTITY), (len(self._times), 1))
         for edge, backwards in chain:
             step = self._edges[edge]
-            pose = step.interpolate() if isinstance(step, Track) else np.array([step])
+            pose = step.interpolate() if isinstance(step, TransformTrack) else np.array([step])
             source_poses = compose_transforms(
                 source_poses, invert_transforms(pose) if backwards else pose
             )
         return source_poses
 
-    def _chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:
+    def _find_edge_chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:
         """Return the edges from target to source; True with each that is taken backwards."""
         if target == source:
             return []
@@ -293,7 +297,7 @@ def is_transform(pose: Transform) -> bool:
     return near and 0.5 < math.hypot(*pose[3:]) < 2.0
 
 
-def frame_name(name: object) -> str:
+def normalize_frame_name(name: object) -> str:
     """Return a frame's name without the leading slash of older robots."""
     return str(name).lstrip("/")
 
@@ -310,12 +314,12 @@ def invert_transforms(pose: Floats) -> Floats:
     return np.concatenate([-rotate_vectors(back, pose[:, :3]), back], axis=1)
 
 
-def rotate_vectors(turn: Floats, vector: Floats) -> Floats:
+def rotate_vectors(quaternions: Floats, vectors: Floats) -> Floats:
     """Vectors (n, 3) turned by quaternions (n, 4), which need not have length 1."""
-    turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
-    axis, w = turn[:, :3], turn[:, 3:]
-    half = 2 * np.cross(axis, np.broadcast_to(vector, (max(len(vector), len(turn)), 3)))
-    return np.asarray(vector + w * half + np.cross(axis, half))
+    quaternions = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    axis, w = quaternions[:, :3], quaternions[:, 3:]
+    half = 2 * np.cross(axis, np.broadcast_to(vectors, (max(len(vectors), len(quaternions)), 3)))
+    return np.asarray(vectors + w * half + np.cross(axis, half))
 
 
 def _multiply_quaternions(first: Floats, second: Floats) -> Floats:

@@ -47,7 +47,7 @@ def show_progress_bar(
 
 
 @contextmanager
-def show_later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]:
+def show_progress_bar_from_first_step(label: str, unit: str) -> Iterator[ProgressCallback]:
     """Show a progress bar from the first step on, so that an earlier display can end."""
     with ExitStack() as bar_stack:
         bars: list[ProgressCallback] = []

@@ -29,13 +29,13 @@ NO_FILE = "there is no such file", "check its name and folder"
 """Fault and remedy of a missing file."""
 
 
-def open_file(file: str | os.PathLike[str], limit: float = float("inf")) -> BufferedReader:
+def open_plain_file(file: str | os.PathLike[str], limit: float = float("inf")) -> BufferedReader:
     """Open a plain file of up to `limit` bytes; an OSError if it is none: a pipe would block."""
 
-    def without_waiting(path: str, flags: int) -> int:
+    def open_nonblocking(path: str, flags: int) -> int:
         return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
-    content = open(file, "rb", opener=without_waiting)  # noqa: SIM115
+    content = open(file, "rb", opener=open_nonblocking)  # noqa: SIM115
     status = os.fstat(content.fileno())
     if stat.S_ISREG(status.st_mode) and status.st_size <= limit:
         return content
@@ -47,7 +47,7 @@ def open_file(file: str | os.PathLike[str], limit: float = float("inf")) -> Buff
 
 def read_bytes(file: str | os.PathLike[str], limit: int) -> bytes:
     """Read a plain file of up to `limit` bytes; raise an OSError or a ValueError otherwise."""
-    with open_file(file, limit) as content:
+    with open_plain_file(file, limit) as content:
         return content.read(os.fstat(content.fileno()).st_size)  # room is made for all of it
 
 
@@ -89,7 +89,7 @@ def read_numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[in
         too long.
     """
     number = size = 0
-    with _translate_errors(), open_file(file, MAX_LOG_BYTES) as content:
+    with _translate_errors(), open_plain_file(file, MAX_LOG_BYTES) as content:
         unpacked = gzip.GzipFile(fileobj=content) if file.suffix == ".gz" else content
         text = TextIOWrapper(unpacked, "utf-8-sig", errors)
         while line := text.readline(MAX_LINE):
@@ -200,7 +200,7 @@ def extract_reason(error: Exception) -> str:
     return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr or Pillow's alarm
 
 
-def scalar_text(value: float | str | bool) -> str:
+def format_yaml_scalar(value: float | str | bool) -> str:
     """Return the text of a value that YAML and ROS read as the same value and type."""
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -210,7 +210,7 @@ def scalar_text(value: float | str | bool) -> str:
     return text
 
 
-def flow_text(value: Any) -> str:
+def format_yaml_flow(value: Any) -> str:
     """Return a value, list or mapping as one line that YAML and ROS read equally.
 
     Names of plugins are quoted: libyaml below 0.2.2 fails on an unquoted :: between braces.
@@ -218,10 +218,10 @@ def flow_text(value: Any) -> str:
     if isinstance(value, str) and "::" in value:
         return f'"{value}"'
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{key}: {flow_text(member)}' for key, member in value.items())}}}"
+        return f"{{{', '.join(f'{key}: {format_yaml_flow(member)}' for key, member in value.items())}}}"
     if isinstance(value, list):
-        return f"[{', '.join(map(flow_text, value))}]"
-    return scalar_text(value)
+        return f"[{', '.join(map(format_yaml_flow, value))}]"
+    return format_yaml_scalar(value)
 
 
 STAMP = ("locplan", "kind", "version")
@@ -233,7 +233,7 @@ def stamp(kind: str, version: int) -> dict[str, Any]:
     return dict(zip(STAMP, (__version__, kind, version), strict=True))
 
 
-def check_stamp(file: object, content: object, kind: str, version: int) -> None:
+def check_file_stamp(file: object, content: object, kind: str, version: int) -> None:
     """Raise a LocplanError unless a file holds this kind of thing, in a version that is known."""
     fields = content if isinstance(content, dict) else {}
     file_kind, file_version = fields.get("kind"), fields.get("version")

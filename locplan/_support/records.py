@@ -28,7 +28,7 @@ IN_FILES: dict[str, Any] = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """A column of a table: name and unit in files, and format for people."""
 
     name: str
@@ -85,8 +85,8 @@ class Column:
 
 Outline = tuple[NDArray[np.float64], ...]
 """A polygon's corners, and those of its holes, (n, 2) each [m]."""
-POSITION: tuple[Column, ...] = Column("x", "m", "x"), Column("y", "m", "y")
-POSE: tuple[Column, ...] = (*POSITION, Column("heading", "rad", "heading", 0, "deg"))
+POSITION: tuple[TableColumn, ...] = TableColumn("x", "m", "x"), TableColumn("y", "m", "y")
+POSE: tuple[TableColumn, ...] = (*POSITION, TableColumn("heading", "rad", "heading", 0, "deg"))
 """Columns of poses in the world, and of positions."""
 
 
@@ -94,14 +94,14 @@ POSE: tuple[Column, ...] = (*POSITION, Column("heading", "rad", "heading", 0, "d
 class Table:
     """Rows under declared columns; `print` shows it as text."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[TableColumn, ...]
     """The columns."""
     rows: tuple[tuple[Any, ...], ...]
     """A value for each column in each row: numbers in the column's unit, texts, or intervals."""
 
     @classmethod
     def from_records(
-        cls, columns: Iterable[Column], records: Iterable[object], *, number: str | None = None
+        cls, columns: Iterable[TableColumn], records: Iterable[object], *, number: str | None = None
     ) -> Table:
         """Return the table of some records.
 
@@ -121,7 +121,7 @@ class Table:
         if number is None:
             return cls(declared, rows)
         counted = tuple((n, *row) for n, row in enumerate(rows, 1))
-        return cls((Column("number", title=number, digits=0), *declared), counted)
+        return cls((TableColumn("number", title=number, digits=0), *declared), counted)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -173,7 +173,7 @@ class Table:
         file : path
             The file.
         """
-        tables.write_rows(file, self.names, self._values())
+        tables.write_csv_rows(file, self.names, self._values())
 
     def write_geojson(
         self, file: Path, outlines: Iterable[ArrayLike | Outline], *, frame: str = "map"
@@ -193,8 +193,10 @@ class Table:
         features = []
         for properties, outline in zip(self.records(), outlines, strict=True):
             corners = tables.close_rings(*(outline if isinstance(outline, tuple) else [outline]))
-            features.append(tables.make_feature("Polygon", corners, {**properties, "frame": frame}))
-        tables.write_geojson(file, tables.make_collection(file.stem, features))
+            features.append(
+                tables.make_geojson_feature("Polygon", corners, {**properties, "frame": frame})
+            )
+        tables.write_geojson(file, tables.make_geojson_collection(file.stem, features))
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a data frame of pandas; raise a LocplanError if it is not installed."""
@@ -210,7 +212,7 @@ class Table:
             yield [number for c, value in pairs for number in (value if c.interval else (value,))]
 
 
-def extract_values(columns: Iterable[Column], record: object) -> dict[str, Any]:
+def extract_values(columns: Iterable[TableColumn], record: object) -> dict[str, Any]:
     """Return the values of a record by the names of columns, fit for JSON; intervals are lists.
 
     Parameters

@@ -12,7 +12,7 @@ from typing import Any
 
 from locplan._support.reading import (
     MAX_JSON_BYTES,
-    check_stamp,
+    check_file_stamp,
     dump_yaml,
     parse_yaml,
     read_content,
@@ -73,7 +73,7 @@ class RunRecord:
         """
         file = path / RUN_FILE if path.is_dir() else path
         content = parse_yaml(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
-        check_stamp(file, content, KIND, VERSION)
+        check_file_stamp(file, content, KIND, VERSION)
         if "command" not in content:
             raise LocplanError(f"{file}: was written in Python, not by a command; {REMEDY}")
         try:
@@ -123,19 +123,19 @@ def get_command_line() -> list[str]:
     return ["locplan", *_CURRENT[-1].words()] if _CURRENT and _CURRENT[-1].command else []
 
 
-def note_map(name: str, digest: Callable[[], str]) -> None:
+def record_map(name: str, digest: Callable[[], str]) -> None:
     """Record the map in the current run, if any."""
     if _CURRENT and _CURRENT[-1].command:
         _CURRENT[-1].maps[name] = digest()
 
 
-def note_robot(title: str, digest: str) -> None:
+def record_robot(title: str, digest: str) -> None:
     """Record the robot in the current run, if any."""
     if _CURRENT:
         _CURRENT[-1].robot = {"title": title, "digest": digest}
 
 
-def note_written(target: Path, files: Sequence[tuple[Path, str]], n_more: int) -> None:
+def record_written_files(target: Path, files: Sequence[tuple[Path, str]], n_more: int) -> None:
     """Record the written files in the current run, if any.
 
     Parameters
@@ -188,7 +188,7 @@ def read_outputs(file: Path) -> tuple[str | None, dict[str, str]]:
     """
     try:
         content = parse_yaml(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
-        check_stamp(file, content, KIND, VERSION)
+        check_file_stamp(file, content, KIND, VERSION)
         outputs = {str(name): str(digest) for name, digest in content["outputs"].items()}
         return str(content["results"]), outputs
     except (LocplanError, KeyError, TypeError, AttributeError):

@@ -23,7 +23,7 @@ from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.checks import check_file_path, short_repr
 from locplan._support.files import check_target
 from locplan._support.output import replace_file
-from locplan._support.reading import STAMP, check_stamp, parse_json, read_bytes, stamp
+from locplan._support.reading import STAMP, check_file_stamp, parse_json, read_bytes, stamp
 from locplan.errors import LocplanError
 
 MAX_SAVED_BYTES = 2**32
@@ -86,7 +86,7 @@ class StoredResult(EqualByValue):
         file = check_file_path(f"a file of a {cls.kind}", path)
         file = file / f"{cls.kind}{cls.suffix}" if file.is_dir() else file
         content = _read(file)
-        check_stamp(file, content, cls.kind, cls.version)
+        check_file_stamp(file, content, cls.kind, cls.version)
         try:
             return cast("Self", decode_tree(cls, _strip_stamp(content)))
         except (LocplanError, ArithmeticError, LookupError, TypeError, ValueError) as error:
@@ -197,7 +197,7 @@ def decode_tree(kind: Any, tree: Any) -> Any:
     if origin in (typing.Union, types.UnionType):
         return _decode_union(args, tree)
     if origin is typing.Literal:
-        return _require(tree, tree in args)
+        return _require_valid(tree, tree in args)
     if hasattr(origin, "__value__"):  # an alias, as NDArray is from Python 3.12 on
         return decode_tree(origin.__value__[args], tree)
     if origin is np.ndarray:
@@ -207,7 +207,7 @@ def decode_tree(kind: Any, tree: Any) -> Any:
     if kind is float:
         return _decode_number(tree)
     if kind in (int, str, bool, type(None)):
-        return _require(tree, type(tree) is kind)
+        return _require_valid(tree, type(tree) is kind)
     if maker := getattr(kind, "from_json", None) or getattr(kind, "from_summary", None):
         return maker(_require_mapping(tree))
     if kind is range or issubclass(kind, tuple):
@@ -254,7 +254,7 @@ def _decode_array(tree: Any, kind: Any) -> NDArray[Any]:
         scalar_type if isinstance(scalar_type, type) and scalar_type is not Any else None
     )
     if isinstance(tree, np.ndarray):
-        _require(tree, np.can_cast(tree.dtype, dtype, "same_kind"))
+        _require_valid(tree, np.can_cast(tree.dtype, dtype, "same_kind"))
         values = tree.astype(dtype, copy=False)
     else:
         values = np.array(_decode_numbers(_require_list(tree)), dtype)
@@ -273,21 +273,21 @@ def _decode_number(tree: Any) -> float:
         return math.nan
     if tree in INFINITIES.values():
         return float(tree)
-    return float(_require(tree, type(tree) in (int, float)))
+    return float(_require_valid(tree, type(tree) in (int, float)))
 
 
-def _require(tree: Any, is_valid: bool) -> Any:
+def _require_valid(tree: Any, is_valid: bool) -> Any:
     if not is_valid:
         raise ValueError(f"{short_repr(tree)} is of another kind")
     return tree
 
 
 def _require_list(tree: Any) -> list[Any]:
-    return cast("list[Any]", _require(tree, isinstance(tree, list)))
+    return cast("list[Any]", _require_valid(tree, isinstance(tree, list)))
 
 
 def _require_mapping(tree: Any) -> dict[str, Any]:
-    return cast("dict[str, Any]", _require(tree, isinstance(tree, dict)))
+    return cast("dict[str, Any]", _require_valid(tree, isinstance(tree, dict)))
 
 
 def _strip_stamp(content: dict[str, Any]) -> dict[str, Any]:

@@ -145,7 +145,7 @@ def _work(
     _listener = pipe
     try:
         for number in interrupts:
-            signal.signal(number, _interrupt)
+            signal.signal(number, _handle_interrupt)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         end_with_parent(parent)
         work()
@@ -176,12 +176,14 @@ def _report_exit_code(received_signals: list[int], code: int) -> int:
     return code
 
 
-def _interrupt(*_: object) -> None:
+def _handle_interrupt(*_: object) -> None:
     for number in WORDS:
-        signal.signal(number, _ignore)  # a second one must not disturb what ends in good order
+        signal.signal(
+            number, _ignore_signal
+        )  # a second one must not disturb what ends in good order
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries wrap and report it in many ways
     raise KeyboardInterrupt
 
 
-def _ignore(*_: object) -> None:
+def _ignore_signal(*_: object) -> None:
     pass

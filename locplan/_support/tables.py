@@ -42,7 +42,7 @@ def write_json(file: Path, content: Mapping[str, object]) -> None:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+def write_csv_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Write rows of names and numbers, whole or not at all; unknown values are empty.
 
     Characters outside UTF-8, as in some file names, become question marks.
@@ -96,7 +96,7 @@ def format_table(
     """Return a table as text, at most as wide as the terminal, or as `width` [characters]."""
     from rich import box
     from rich.console import Console
-    from rich.table import Column, Table
+    from rich.table import Table
     from rich.text import Text
 
     # Plain text in a notebook and on a terminal, too: it may be written to a file.
@@ -118,7 +118,7 @@ def format_table(
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())
 
 
-def format_aligned(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def format_aligned_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table of few columns as text without wrapping."""
     from rich.cells import cell_len
 
@@ -203,7 +203,7 @@ def make_file_name(name: str) -> str:
     return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
 
 
-def make_feature(
+def make_geojson_feature(
     kind: Literal["Point", "LineString", "Polygon"],
     coordinates: Any,
     properties: Mapping[str, Any],
@@ -225,7 +225,7 @@ def close_rings(*rings: ArrayLike) -> list[list[list[float]]]:
     return [[*ring, ring[0]] for ring in corners]
 
 
-def make_collection(
+def make_geojson_collection(
     name: str, features: Iterable[dict[str, Any]], **members: Any
 ) -> dict[str, Any]:
     """Return a GeoJSON collection of features."""

@@ -14,7 +14,7 @@ import numpy as np
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan.advice import fixes as _fixes
 from locplan.advice.driving import Scenario, ScenarioRunner
-from locplan.advice.failures import Passage, attribute_failures, find_passage
+from locplan.advice.failures import FailurePassage, attribute_failures, find_failure_passage
 from locplan.advice.fixes import (
     CHEAP,
     CORRECTED_MAP,
@@ -33,15 +33,15 @@ from locplan.advice.rates import (
     RouteResult,
     compute_drive_rates,
     is_helpful,
-    is_rare,
+    is_loss_rate_low,
     rank_fixes,
     sort_routes,
 )
 from locplan.advice.recorded import RecordingEvidence
 from locplan.advice.settings import choose_settings, is_contradicted
 from locplan.advice.trials import (
+    DrivesOnRoutes,
     FixTrial,
-    RouteDrives,
     compare_fix,
     confirm_fixes,
     select_fixes,
@@ -108,7 +108,7 @@ class BaselineDrives(NamedTuple):
     """The routes, first those with the highest rate of the main failure."""
     spots: tuple[WeakSpot, ...]
     """The places where drives fail, and the other weak spots."""
-    passage: Passage | None
+    passage: FailurePassage | None
     """The place where robots fail even with perfect localization, if most failures are of that
     kind."""
 
@@ -192,7 +192,9 @@ class FixTrials:
         ]
         passage = None
         if rates.fails_if_localized:
-            passage = find_passage(self.scenario.world, self.scenario.robot, paths, arrivals)
+            passage = find_failure_passage(
+                self.scenario.world, self.scenario.robot, paths, arrivals
+            )
         self._baseline = BaselineDrives(rates, sort_routes(routes, rates), spots, passage)
         return self._baseline
 
@@ -220,7 +222,7 @@ class FixTrials:
             Called with (done, total).
         """
         first, second = split_progress(progress, [200, 150])
-        fixes = [*_fixes.list_fixes(self.scenario, correction, repaired_map)]
+        fixes = [*_fixes.iterate_fixes(self.scenario, correction, repaired_map)]
         rates, passage = self._baseline.rates, self._baseline.passage
         is_localized = not rates.needs_fix and rates.error.value < LARGE_ERROR
         if passage and is_localized:
@@ -245,7 +247,7 @@ class FixTrials:
                 yield results[-1]
         length = sum(path.length for path in self.scenario.paths.values())
         is_small = self.effort.tries_landmarks and length <= LONGEST_ROUTES
-        if not is_small or is_rare(rates.lost) or not self._is_still_lost(results):
+        if not is_small or is_loss_rate_low(rates.lost) or not self._is_still_lost(results):
             return
         if poles := _fixes.make_poles_fix(self.scenario, self.threads):
             yield self._try_fix(poles)
@@ -268,8 +270,8 @@ class FixTrials:
 
     def _is_still_lost(self, results: Sequence[FixResult]) -> bool:
         """True if drives get lost with the best combination of fixes so far."""
-        return not is_rare(
-            self._drive_together(self._select_fixes(results), self._numbers).drive_set.lost_rate
+        return not is_loss_rate_low(
+            self._drive_with_fixes(self._select_fixes(results), self._numbers).drive_set.lost_rate
         )
 
     def _select_fixes(self, results: Sequence[FixResult]) -> tuple[str, ...]:
@@ -280,15 +282,15 @@ class FixTrials:
             if is_helpful(result, self._baseline.rates)
         ]
         return select_fixes(
-            self._certain_kinds,
-            [kind for kind in order if kind not in self._certain_kinds],
-            self._drive_together,
+            self._certain_fix_kinds,
+            [kind for kind in order if kind not in self._certain_fix_kinds],
+            self._drive_with_fixes,
             self._numbers,
             costly=[kind for kind in KINDS if kind not in CHEAP],
         )
 
     @property
-    def _certain_kinds(self) -> tuple[str, ...]:
+    def _certain_fix_kinds(self) -> tuple[str, ...]:
         return tuple(kind for kind, fix in self.fixes_by_kind.items() if fix.is_certain)
 
     def _score_scenario(self, scenario: Scenario) -> float:
@@ -383,11 +385,15 @@ class FixTrials:
         """
         rates = self._baseline.rates
         selected = self._select_fixes(results)
-        if self._is_contradicted(selected):
-            selected = self._certain_kinds
+        if self._do_recordings_contradict(selected):
+            selected = self._certain_fix_kinds
         if selected:
             combination = confirm_fixes(
-                self._certain_kinds, selected, self._drive_together, self._numbers, self._fresh
+                self._certain_fix_kinds,
+                selected,
+                self._drive_with_fixes,
+                self._numbers,
+                self._fresh,
             )
             self.recommended_kinds = combination.kinds
         progress(1, 1)
@@ -401,14 +407,14 @@ class FixTrials:
         verdict = compare_drives(combination.before.drive_set, combination.after.drive_set)
         return before, after, _add_reached_rates(verdict, before, after)
 
-    def _is_contradicted(self, kinds: tuple[str, ...]) -> bool:
+    def _do_recordings_contradict(self, kinds: tuple[str, ...]) -> bool:
         """True if a recorded drive contradicts a fix of the filter's map or range."""
         if not {FULL_RANGE, REPAIRED_MAP} & {*kinds}:
             return False
         fixed = _fixes.apply_fixes(self.fixes_by_kind, kinds, self.scenario)
         return is_contradicted(self.scenario, fixed, self._evidence)
 
-    def _drive_together(self, kinds: tuple[str, ...], numbers: range) -> RouteDrives:
+    def _drive_with_fixes(self, kinds: tuple[str, ...], numbers: range) -> DrivesOnRoutes:
         return self._drive(_fixes.apply_fixes(self.fixes_by_kind, kinds, self.scenario), numbers)
 
     def _drive_closed(
@@ -435,10 +441,10 @@ class FixTrials:
 
 
 def _compute_route_rates(
-    outcome: RouteDrives, row: int, name: str, arrivals: Mapping[str, Arrivals]
+    route_drives: DrivesOnRoutes, route_number: int, name: str, arrivals: Mapping[str, Arrivals]
 ) -> DriveRates:
     closed = {name: arrivals[name]} if name in arrivals else {}
-    return compute_drive_rates(outcome.select(slice(row, row + 1)), closed)
+    return compute_drive_rates(route_drives.select(slice(route_number, route_number + 1)), closed)
 
 
 def _add_reached_rates(verdict: Verdict, before: DriveRates, after: DriveRates) -> Verdict:

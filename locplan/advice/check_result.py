@@ -10,11 +10,11 @@ from pathlib import Path as Folder
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from locplan._support.output import ResultFiles
-from locplan._support.records import Column, Result, Table
+from locplan._support.records import Result, Table, TableColumn
 from locplan._support.saved import to_plain_data
 from locplan._support.tables import make_file_name, nan_to_none
 from locplan.advice.driving import Scenario
-from locplan.advice.failures import Passage
+from locplan.advice.failures import FailurePassage
 from locplan.advice.fixes import CORRECTED_MAP, REPAIRED_MAP
 from locplan.advice.map_reading import MapCorrection
 from locplan.advice.preset_choice import PresetChoice, summarize_choice
@@ -66,7 +66,7 @@ class Check(Result):
     """The routes, first those with the highest rate of the main failure."""
     baseline: DriveRates
     """All drives of the baseline."""
-    passage: Passage | None
+    passage: FailurePassage | None
     """The place where most drives fail even with perfect localization; None if few or no failures
     are of that kind."""
     fixes: tuple[FixResult, ...]
@@ -119,21 +119,21 @@ class Check(Result):
 
     def table(self) -> Table:
         """Return the table of the fixes, a row each."""
-        share = partial(Column, digits=0, people="%", interval=True)
+        share = partial(TableColumn, digits=0, people="%", interval=True)
         columns = (
-            Column("title", title="fix"),
+            TableColumn("title", title="fix"),
             share("lost", title="lost", value=lambda fix: fix.rates.lost),
             share("off_at_end", title="off at the end", value=lambda fix: fix.rates.off_at_end),
             share("reached", title="reaches the goal", value=lambda fix: fix.rates.reached),
-            Column("ratio", "", "error", interval=True),
-            Column("longer", "m", "longer", 1, signed=True),
-            Column("effort", title="takes"),
-            Column("verdict", title="verdict"),
-            Column("kind"),
-            Column("detail"),
+            TableColumn("ratio", "", "error", interval=True),
+            TableColumn("longer", "m", "longer", 1, signed=True),
+            TableColumn("effort", title="takes"),
+            TableColumn("verdict", title="verdict"),
+            TableColumn("kind"),
+            TableColumn("detail"),
             share("gain"),
-            Column("n_drives", value=lambda fix: fix.rates.n_drives),
-            Column("n_closed", value=lambda fix: fix.rates.n_closed),
+            TableColumn("n_drives", value=lambda fix: fix.rates.n_drives),
+            TableColumn("n_closed", value=lambda fix: fix.rates.n_closed),
         )
         return Table.from_records(columns, self.fixes)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from locplan._support.kernels.arrays import Floats
 from locplan._support.progress import ProgressCallback
-from locplan.advice.trials import RouteDrives
+from locplan.advice.trials import DrivesOnRoutes
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
@@ -71,7 +71,7 @@ class ScenarioRunner:
             stretch=scenario.stretch,
         )
 
-    def __call__(self, numbers: range, progress: ProgressCallback | None = None) -> RouteDrives:
+    def __call__(self, numbers: range, progress: ProgressCallback | None = None) -> DrivesOnRoutes:
         """Simulate the open-loop drives of these numbers along each route."""
         routes = drive_open(
             self._simulator, self.scenario.paths, numbers, progress=progress
@@ -80,7 +80,7 @@ class ScenarioRunner:
         lost_at = [_find_loss_distances(drives) for drives in routes]
         off_at_end = [drives.off_at_end for drives in routes]
         lost = ~np.isnan(lost_at)
-        return RouteDrives(np.array(log_error), lost, np.array(lost_at), np.array(off_at_end))
+        return DrivesOnRoutes(np.array(log_error), lost, np.array(lost_at), np.array(off_at_end))
 
     def drive_closed_loop(
         self, numbers: range, progress: ProgressCallback | None = None

@@ -43,7 +43,7 @@ STOP_TEXTS = {
 def attribute_failures(
     spots: Sequence[WeakSpot],
     paths: Mapping[str, Path],
-    lost_at: Sequence[Floats],
+    loss_distances: Sequence[Floats],
     arrivals: Mapping[str, Arrivals],
 ) -> tuple[tuple[WeakSpot, ...], list[RouteFailures]]:
     """Find the places where drives fail, the worst first.
@@ -57,7 +57,7 @@ def attribute_failures(
         The weak spots.
     paths : mapping of str to Path
         The routes by name.
-    lost_at : sequence of (drives,) array
+    loss_distances : sequence of (drives,) array
         Distance along each route where each drive got lost [m]; NaN if it did not.
     arrivals : mapping of str to Arrivals
         Closed-loop drives along each route; empty if none were simulated.
@@ -71,7 +71,7 @@ def attribute_failures(
     wide = 0.08 * float(np.ptp(np.concatenate([*lines.values()]), axis=0).max())
     blames = [
         _attribute_losses(spots, line, paths[name].length, at[np.isfinite(at)])
-        for (name, line), at in zip(lines.items(), lost_at, strict=True)
+        for (name, line), at in zip(lines.items(), loss_distances, strict=True)
     ]
     loss_positions = [positions for _, positions in blames]
     owner, all_positions = (np.concatenate(parts) for parts in zip(*blames, strict=True))
@@ -141,9 +141,9 @@ def _collect_stops(arrivals: Mapping[str, Arrivals]) -> list[_DriveStop]:
 
 
 def _make_spot_without_area(
-    at: Floats, missing: str, routes: tuple[str, ...], *, lost: int = 0, stopped: int = 0
+    position: Floats, missing: str, routes: tuple[str, ...], *, lost: int = 0, stopped: int = 0
 ) -> WeakSpot:
-    x, y = at.tolist()
+    x, y = position.tolist()
     return WeakSpot(
         letter="",
         x=x,
@@ -169,18 +169,21 @@ def _list_main_letters(owners: Ints, letters: Mapping[int, str]) -> str:
 
 
 def _attribute_losses(
-    spots: Sequence[WeakSpot], line: Floats, length: float, lost_at: Floats
+    spots: Sequence[WeakSpot], route_points: Floats, length: float, loss_distances: Floats
 ) -> tuple[Ints, Floats]:
     """Return the spot that each lost drive left last, or -1, and the position of its loss."""
-    distance = np.linspace(0, length, len(line))
-    since = lost_at[:, None] - distance
+    distance = np.linspace(0, length, len(route_points))
+    since = loss_distances[:, None] - distance
     # A robot drives up to 10 m from a spot until it is lost because of it.
     near = (since >= -0.5) & (since <= 10.0)
     spot_distances = [
-        np.where(near & are_inside(spot, line), distance, -1.0).max(axis=1) for spot in spots
+        np.where(near & are_inside(spot, route_points), distance, -1.0).max(axis=1)
+        for spot in spots
     ]
-    owner = np.argmax([np.full(len(lost_at), -0.5), *spot_distances], axis=0) - 1
-    return owner, np.column_stack([np.interp(lost_at, distance, spot) for spot in line.T])
+    owner = np.argmax([np.full(len(loss_distances), -0.5), *spot_distances], axis=0) - 1
+    return owner, np.column_stack(
+        [np.interp(loss_distances, distance, spot) for spot in route_points.T]
+    )
 
 
 def _move_spot_to_losses(spot: WeakSpot, loss_positions: Floats, wide: float) -> WeakSpot:
@@ -196,7 +199,7 @@ NEAR, REACH = 3.0, 3.0
 """Maximum distance of the passage from the ends of the drives, and of its walls [m]."""
 
 
-class Passage(NamedTuple):
+class FailurePassage(NamedTuple):
     """The place where most drives fail even with perfect localization."""
 
     x: float
@@ -218,9 +221,9 @@ class Passage(NamedTuple):
         return self.width < self.robot_width + NARROW_ROOM
 
 
-def find_passage(
+def find_failure_passage(
     grid: OccupancyGrid, robot: Robot, paths: Mapping[str, Path], arrivals: Mapping[str, Arrivals]
-) -> Passage | None:
+) -> FailurePassage | None:
     """Find the place where most drives fail even with perfect localization.
 
     Parameters
@@ -256,7 +259,7 @@ def find_passage(
     widths = measure_width(grid, points)
     x, y = points[widths.argmin()].tolist()
     radius = robot.radius - robot.margin
-    return Passage(x, y, float(widths.min()), 2 * radius, len(members), routes)
+    return FailurePassage(x, y, float(widths.min()), 2 * radius, len(members), routes)
 
 
 def measure_width(grid: OccupancyGrid, points: Floats) -> Floats:

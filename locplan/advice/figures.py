@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from locplan._support import drawing as style
 from locplan._support.drawing import (
     MAP_COLOURS,
-    Picture,
+    NotebookFigure,
     break_title,
     draw_number,
     make_logarithmic,
 )
 from locplan._support.kernels.arrays import Floats
-from locplan.advice.landmark_objects import place_outline
+from locplan.advice.landmark_objects import compute_outline_points
 from locplan.advice.landmarks import EXPECTED_DEVIATION, PAYING_SHARE, Landmarks, Verification
 from locplan.advice.weak_spots import sample_path
 from locplan.maps.figures import (
@@ -38,9 +38,9 @@ from locplan.maps.figures import (
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.figures import (
     draw_coloured_line,
-    draw_ends,
     draw_path,
     draw_path_colour_bar,
+    draw_start_and_goal,
     make_path_norm,
 )
 from locplan.simulation.drives import LOST_DISTANCE, LOST_SHORT_TEXT, Drives
@@ -70,7 +70,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     tuning : Tuning
         The result of `tune` or `locplan.advice.tuning.tune_on_drive`.
     """
-    figure = Picture(figsize=(9.6, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(9.6, 4.2), layout="constrained")
     errors, off_at_end = figure.subplots(1, 2)
     results = tuning.choice.results
     cases = [*dict.fromkeys(result.case for result in results)]
@@ -99,14 +99,18 @@ def tuning_figure(tuning: Tuning) -> Figure:
 
 
 def _draw_intervals(
-    axes: Axes, at: NDArray[Any], intervals: Floats, mark: tuple[str, str], label: str
+    axes: Axes,
+    positions: NDArray[Any],
+    intervals: Floats,
+    colour_and_marker: tuple[str, str],
+    label: str,
 ) -> None:
     """Draw values with their intervals, rows of (value, low, high), as marks of one colour."""
     value, low, high = intervals.T
-    colour, marker = mark
+    colour, marker = colour_and_marker
     bars = np.maximum([np.nan_to_num(value - low), np.nan_to_num(high - value)], 0)
-    axes.errorbar(at, value, bars, fmt="none", ecolor=colour, elinewidth=1.5)
-    axes.plot(at, value, marker, color=colour, label=label)
+    axes.errorbar(positions, value, bars, fmt="none", ecolor=colour, elinewidth=1.5)
+    axes.plot(positions, value, marker, color=colour, label=label)
 
 
 FAILS, WORKS, WEAK, LETTER, MARK = "#d55e00", "#8a929c", "#e69f00", "#7a3b00", "#b00020"
@@ -230,7 +234,7 @@ def check_figure(check: Check) -> Figure:
         The result of `locplan.check`.
     """
     part = crop_to_free(check.scenario.world)
-    figure = Picture(figsize=compute_figure_size(part), layout="constrained")
+    figure = NotebookFigure(figsize=compute_figure_size(part), layout="constrained")
     axes = figure.subplots()
     draw_map(axes, part)
     for spot in check.spots:
@@ -307,7 +311,7 @@ PLOT_HEIGHT, PLOT_WIDTH = 2.9, 4.6
 
 
 def _make_panels(
-    grid: OccupancyGrid, title_lines: Sequence[str], plots: int
+    grid: OccupancyGrid, title_lines: Sequence[str], n_plots: int
 ) -> tuple[Figure, Any, list[Axes], list[Axes]]:
     """Return an empty figure, its part for two maps, and the Axes of maps and plots.
 
@@ -329,13 +333,13 @@ def _make_panels(
     lines = [part for line in title_lines for part in break_title(line, width)]
     # Height of a line of the title [inch].
     top = 0.24 * (len(lines) + 1)
-    height = max(height, plots * PLOT_HEIGHT) if tall else height + PLOT_HEIGHT
-    figure: Any = Picture(figsize=(width, height + top), layout="constrained")
+    height = max(height, n_plots * PLOT_HEIGHT) if tall else height + PLOT_HEIGHT
+    figure: Any = NotebookFigure(figsize=(width, height + top), layout="constrained")
     if tall:
         parts = figure.subfigures(1, 2, width_ratios=(width - PLOT_WIDTH, PLOT_WIDTH))
     else:
         parts = figure.subfigures(2, height_ratios=(height - PLOT_HEIGHT, PLOT_HEIGHT))
-    lower = parts[1].subplots(*((plots, 1) if tall else (1, plots)), squeeze=False)
+    lower = parts[1].subplots(*((n_plots, 1) if tall else (1, n_plots)), squeeze=False)
     figure.suptitle("\n".join(lines), fontsize="medium")
     upper = parts[0].subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     return figure, parts[0], list(upper.ravel()), list(lower.ravel())
@@ -363,7 +367,7 @@ def landmarks_figure(landmarks: Landmarks, verification: Verification | None = N
     figure, part, maps, plots = _make_panels(grids[0], title_lines, 2 if verification else 1)
     profiles = list(verification.profiles.values()) if verification else []
     _draw_maps(part, maps, grids, landmarks, profiles)
-    _draw_gains(plots[0], landmarks)
+    _draw_expected_deviation(plots[0], landmarks)
     if verification:
         _draw_route_errors(plots[1], verification)
     return figure
@@ -392,16 +396,18 @@ def _draw_maps(
                 image = draw_coloured_line(map_axes, xy, error, norm=norm, linewidths=3.5)
             else:
                 draw_path(map_axes, path, color="black", linewidth=1.5)
-            draw_ends(map_axes, path.xy[0], path.xy[-1])
+            draw_start_and_goal(map_axes, path.xy[0], path.xy[-1])
     if image is not None:
         draw_path_colour_bar(figure, image, list(axes))
-    shapes = [place_outline(landmarks.setting.kind.shape, pose) for pose in landmarks.poses]
+    shapes = [
+        compute_outline_points(landmarks.setting.kind.shape, pose) for pose in landmarks.poses
+    ]
     faces = PolyCollection(shapes, facecolor=style.VERMILION, edgecolor="black", zorder=4)
     axes[1].add_collection(faces)
-    _draw_numbers(axes[1], landmarks)
+    _draw_landmark_numbers(axes[1], landmarks)
 
 
-def _draw_numbers(axes: Axes, landmarks: Landmarks) -> None:
+def _draw_landmark_numbers(axes: Axes, landmarks: Landmarks) -> None:
     """Draw the landmarks' numbers next to them, away from the nearest route."""
     from scipy.spatial import cKDTree
 
@@ -414,7 +420,7 @@ def _draw_numbers(axes: Axes, landmarks: Landmarks) -> None:
         draw_number(axes, number, tuple(at.tolist()), tuple(label_offset.tolist()), style.VERMILION)
 
 
-def _draw_gains(axes: Axes, landmarks: Landmarks) -> None:
+def _draw_expected_deviation(axes: Axes, landmarks: Landmarks) -> None:
     """Draw the expected deviation over the number of landmarks."""
     numbers: NDArray[Any] = np.arange(len(landmarks.curve))
     axes.plot(numbers, landmarks.expected_deviations, "o-", color=style.VERMILION, markersize=4)
@@ -425,12 +431,12 @@ def _draw_gains(axes: Axes, landmarks: Landmarks) -> None:
         make_logarithmic(axes.yaxis)
     else:
         axes.set_ylim(0, 1.05 * float(landmarks.expected_deviations.max()) or 1.0)
-    if 0 < landmarks.n_paying < len(landmarks):
-        axes.axvline(landmarks.n_paying, color="0.6", linewidth=0.8)
+    if 0 < landmarks.n_useful < len(landmarks):
+        axes.axvline(landmarks.n_useful, color="0.6", linewidth=0.8)
         note = f"further ones: less\nthan {PAYING_SHARE:.0%} each"
         at = "data", "axes fraction"
         axes.annotate(
-            note, (landmarks.n_paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8
+            note, (landmarks.n_useful, 0.97), (4, 0), at, "offset points", va="top", fontsize=8
         )
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="number of landmarks", ylabel=EXPECTED_DEVIATION.heading)
@@ -470,7 +476,7 @@ def repair_figure(repaired_map: RepairedMap) -> Figure:
         The result of `locplan.repair`.
     """
     width, height = compute_figure_size(repaired_map.grid)
-    figure = Picture(figsize=(2 * width, height), layout="constrained")
+    figure = NotebookFigure(figsize=(2 * width, height), layout="constrained")
     pair = figure.subplots(1, 2, sharex=True, sharey=True)
     titled_maps = {"as it is": repaired_map.grid, "for the filter": repaired_map.filter_map}
     for axes, (title, grid) in zip(pair, titled_maps.items(), strict=True):

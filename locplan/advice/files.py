@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path as Folder
 from typing import TypeAlias
 
-from locplan._support.tables import write_rows
+from locplan._support.tables import write_csv_rows
 from locplan.advice.check_result import Check
 from locplan.advice.fixes import CORRECTED_MAP, FULL_RANGE, LANDMARKS, PATHS, REPAIRED_MAP, SETTINGS
 from locplan.export.nav2 import nav2_keepout
 from locplan.export.parameters import write_merged_parameters
 from locplan.export.servers import write_filter_map
-from locplan.maps.files import corrected_yaml, save_map
+from locplan.maps.files import format_corrected_yaml, save_map
 from locplan.robots.parameters import read_parameters
 from locplan.simulation.amcl_parameters import write_tuned_parameters
 
@@ -22,8 +22,11 @@ Params: TypeAlias = Folder | str | Sequence[Folder] | None
 
 def describe_fix_files(check: Check, params: Params = ()) -> dict[str, str]:
     """Return the purpose of each file of the recommended fixes."""
-    values, params = "copy its lines into the amcl section of your parameters", as_files(params)
-    if {FULL_RANGE, SETTINGS} & {*check.recommended} and has_amcl(params):
+    values, params = (
+        "copy its lines into the amcl section of your parameters",
+        list_parameter_files(params),
+    )
+    if {FULL_RANGE, SETTINGS} & {*check.recommended} and has_amcl_section(params):
         values = "your parameters with the changes"
         if len(params) > 1:
             file_names = " and ".join(parameter_path.name for parameter_path in params)
@@ -44,14 +47,14 @@ def describe_fix_files(check: Check, params: Params = ()) -> dict[str, str]:
     return {file: text for kind in check.recommended for file, text in texts_by_kind[kind].items()}
 
 
-def as_files(params: Params) -> list[Folder]:
+def list_parameter_files(params: Params) -> list[Folder]:
     """Return the parameter files as a list."""
     if isinstance(params, Folder | str):
         return [Folder(params)]
     return [*params] if params else []
 
 
-def has_amcl(params: Sequence[Folder]) -> bool:
+def has_amcl_section(params: Sequence[Folder]) -> bool:
     """True if one of the parameter files has an amcl section."""
     return bool(read_parameters(*params).read_node_parameters("amcl"))
 
@@ -73,8 +76,8 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         check.correction,
         folder / "nav2_params.yaml",
     )
-    params = base = as_files(params)
-    if kinds & {FULL_RANGE, SETTINGS} and has_amcl(params):
+    params = base = list_parameter_files(params)
+    if kinds & {FULL_RANGE, SETTINGS} and has_amcl_section(params):
         if len(params) > 1:
             write_merged_parameters(parameter_file, params)
             base = [parameter_file]
@@ -84,7 +87,7 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         write_tuned_parameters(parameter_file, check.fixed_scenario.robot.amcl)
     if CORRECTED_MAP in kinds and check.source:
         (folder / "map.yaml").write_text(
-            corrected_yaml(check.source, correction.corrected_lengths), "utf-8"
+            format_corrected_yaml(check.source, correction.corrected_lengths), "utf-8"
         )
     elif CORRECTED_MAP in kinds:
         save_map(correction.rescale(correction.grid), folder / "map.yaml")
@@ -95,7 +98,7 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         )
     if LANDMARKS in kinds:
         placed = check.artifacts[LANDMARKS]
-        write_rows(folder / "landmarks.csv", ("x", "y"), placed.poses[:, :2].tolist())
+        write_csv_rows(folder / "landmarks.csv", ("x", "y"), placed.poses[:, :2].tolist())
         save_map(placed.grid, folder / "map_with_landmarks.yaml")
     if PATHS in kinds:
         for name, path in check.changed_paths.items():

@@ -15,7 +15,7 @@ from locplan.advice.landmark_objects import Pole, mark_objects
 from locplan.advice.landmarks import place_landmarks
 from locplan.advice.map_reading import MapCorrection
 from locplan.advice.preset_choice import PresetChoice
-from locplan.advice.trials import WORTHWHILE, RouteDrives
+from locplan.advice.trials import WORTHWHILE, DrivesOnRoutes
 from locplan.errors import ConfigError
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
@@ -56,7 +56,7 @@ class Fix:
     """Data for its files: a mask's costmap, or placed poles."""
 
 
-def list_fixes(
+def iterate_fixes(
     scenario: Scenario, correction: MapCorrection, repaired_map: OccupancyGrid
 ) -> Iterator[Fix]:
     """Yield the applicable fixes of the map and of the robot's range.
@@ -131,7 +131,7 @@ def make_preset_fix(choice: PresetChoice) -> Fix | None:
 def choose_paths_fix(
     scenario: Scenario,
     recommendations: Mapping[str, Recommendation],
-    score: Callable[[Scenario], float],
+    score_scenario: Callable[[Scenario], float],
 ) -> Fix | None:
     """Return the better of two fixes: following the recommended paths, or a keepout mask.
 
@@ -141,7 +141,7 @@ def choose_paths_fix(
         The scenario.
     recommendations : mapping of str to Recommendation
         The recommendation of each route by its name, with costmaps.
-    score : callable
+    score_scenario : callable
         Simulates a scenario and returns its score; less is better.
     """
     useful_recommendations = {
@@ -158,7 +158,7 @@ def choose_paths_fix(
         return None
     best = _make_paths_fix(scenario, paths_by_route, "other paths", "routes for Nav2")
     # A mask covers all routes, so that it may score slightly worse than fixed routes.
-    best_score = score(best.apply(scenario)) - math.log(WORTHWHILE)
+    best_score = score_scenario(best.apply(scenario)) - math.log(WORTHWHILE)
     for recommendation in useful_recommendations.values():
         mask = recommendation.costmap()
         ways = {name: plan(mask, *path.xy[[0, -1]]).path for name, path in scenario.paths.items()}
@@ -168,7 +168,7 @@ def choose_paths_fix(
         mask_fix = _make_paths_fix(
             scenario, usable_paths, "a keepout mask, other paths", "a mask for Nav2", mask
         )
-        if (mask_score := score(mask_fix.apply(scenario))) < best_score:
+        if (mask_score := score_scenario(mask_fix.apply(scenario))) < best_score:
             best, best_score = mask_fix, mask_score
     return best
 
@@ -249,21 +249,21 @@ def apply_fixes(
     return scenario
 
 
-class DriveOnce(Protocol):
+class ScenarioDriver(Protocol):
     """Function that simulates the drives of some numbers in a scenario."""
 
     def __call__(
         self, scenario: Scenario, numbers: range, progress: ProgressCallback | None = None
-    ) -> RouteDrives: ...
+    ) -> DrivesOnRoutes: ...
 
 
-def make_scenario_runner(seed: int, threads: int | None) -> DriveOnce:
+def make_scenario_runner(seed: int, threads: int | None) -> ScenarioDriver:
     """Return a function that simulates scenarios and caches each drive."""
-    outcomes: dict[str, dict[int, RouteDrives]] = defaultdict(dict)
+    outcomes: dict[str, dict[int, DrivesOnRoutes]] = defaultdict(dict)
 
     def drive(
         scenario: Scenario, numbers: range, progress: ProgressCallback | None = None
-    ) -> RouteDrives:
+    ) -> DrivesOnRoutes:
         drives_by_number = outcomes[scenario.digest]
         new = [number for number in numbers if number not in drives_by_number]
         if new:
@@ -271,6 +271,6 @@ def make_scenario_runner(seed: int, threads: int | None) -> DriveOnce:
             new_outcomes = ScenarioRunner(scenario, seed, threads)(missing, progress)
             for place, number in enumerate(missing):
                 drives_by_number[number] = new_outcomes.select(drives=slice(place, place + 1))
-        return RouteDrives.join([drives_by_number[number] for number in numbers])
+        return DrivesOnRoutes.join([drives_by_number[number] for number in numbers])
 
     return drive

@@ -57,7 +57,7 @@ class ObjectShape(NamedTuple):
         return np.asarray(np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)))
 
     def compute_window_distances(
-        self, grid: OccupancyGrid, pose: Floats, around: float
+        self, grid: OccupancyGrid, pose: Floats, margin: float
     ) -> tuple[tuple[slice, slice], Floats]:
         """Return the window of a map around a shape, and the distances of its cell centres [m].
 
@@ -67,11 +67,11 @@ class ObjectShape(NamedTuple):
             The map.
         pose : (3,) array
             Row, column and heading of the shape on the map [cells, cells, rad].
-        around : float
+        margin : float
             Distance from the shape within which all cells lie in the window [m].
         """
         row, col, heading = pose.tolist()
-        reach = math.ceil((self.reach + around) / grid.resolution) + 1
+        reach = math.ceil((self.reach + margin) / grid.resolution) + 1
         rows, cols = window = find_window(row, col, reach, grid.shape)
         y = (np.arange(rows.start, rows.stop)[:, None] + 0.5 - row) * grid.resolution
         x = (np.arange(cols.start, cols.stop) + 0.5 - col) * grid.resolution
@@ -290,10 +290,10 @@ def find_filled_cells(grid: OccupancyGrid, shape: ObjectShape, pose: Floats) -> 
     return filled_rows + rows.start, filled_cols + cols.start
 
 
-def place_outline(shape: ObjectShape, pose: Floats, around: int = 24) -> Floats:
+def compute_outline_points(shape: ObjectShape, pose: Floats, n_disc_points: int = 24) -> Floats:
     """Return the corners of a shape at a pose, or points around a disc, (n, 2) [m]."""
     if shape.is_round:
-        angle = np.linspace(0, 2 * math.pi, around, endpoint=False)
+        angle = np.linspace(0, 2 * math.pi, n_disc_points, endpoint=False)
         return pose[:2] + shape.half_length * np.column_stack([np.cos(angle), np.sin(angle)])
     signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -305,8 +305,10 @@ def _sample_outline(shape: ObjectShape, heading: float, step: float) -> Floats:
     """Return points along the outline of a shape at the origin, at most `step` apart [m]."""
     origin = np.array([0.0, 0.0, heading])
     if shape.is_round:
-        return place_outline(shape, origin, math.ceil(2 * math.pi * shape.half_length / step))
-    corners = place_outline(shape, origin)
+        return compute_outline_points(
+            shape, origin, math.ceil(2 * math.pi * shape.half_length / step)
+        )
+    corners = compute_outline_points(shape, origin)
     sides = []
     for corner, next_corner in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         count = math.ceil(float(np.hypot(*(next_corner - corner))) / step)

@@ -13,8 +13,8 @@ import numpy as np
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.poses import compute_travel_distances
 from locplan._support.progress import ProgressCallback
-from locplan.advice.landmark_objects import ObjectShape, find_filled_cells, place_outline
-from locplan.advice.landmark_sight import RouteSight
+from locplan.advice.landmark_objects import ObjectShape, compute_outline_points, find_filled_cells
+from locplan.advice.landmark_sight import PlacementObjective
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import UNKNOWN
 from locplan.planning.path import Path
@@ -73,10 +73,12 @@ class RobotSpace:
             for radius in self.free_by_radius
         )
 
-    def _is_cut_by(self, radius: float, pose: Pose, around: float) -> bool:
+    def _is_cut_by(self, radius: float, pose: Pose, search_margin: float) -> bool:
         import cv2
 
-        window, distances = self.shape.compute_window_distances(self.grid, pose, radius + around)
+        window, distances = self.shape.compute_window_distances(
+            self.grid, pose, radius + search_margin
+        )
         before = self.free_by_radius[radius][window]
         after = before & (distances >= radius - 1e-9)
         if (after == before).all():
@@ -85,7 +87,7 @@ class RobotSpace:
             after.astype("u1"), connectivity=4
         )
         # Area of free space that may be closed off, since it is no passage [m^2].
-        min_cells = 0.25 / self.grid.resolution**2 if around >= PASSAGE_RADIUS else 0
+        min_cells = 0.25 / self.grid.resolution**2 if search_margin >= PASSAGE_RADIUS else 0
         large = np.flatnonzero(statistics[:, cv2.CC_STAT_AREA] >= min_cells)
         large = large[large > 0]
         if large.size < 2:
@@ -113,7 +115,7 @@ def format_reason_counts(reasons: Iterable[str]) -> str:
 
 
 def list_candidate_places(
-    grid: OccupancyGrid, shape: ObjectShape, routes: Iterable[Path], keep: float
+    grid: OccupancyGrid, shape: ObjectShape, routes: Iterable[Path], route_clearance: float
 ) -> Floats:
     """Return poses of an object along walls and free-standing, not yet checked, (n, 3).
 
@@ -123,7 +125,7 @@ def list_candidate_places(
         [
             _place_along_walls(grid, shape),
             _place_free_standing(grid, shape),
-            _place_beside_routes(grid, shape, routes, keep),
+            _place_beside_routes(grid, shape, routes, route_clearance),
         ]
     )
 
@@ -183,7 +185,7 @@ def _select_open_poses(grid: OccupancyGrid, poses: Floats) -> Floats:
 
 
 def _place_beside_routes(
-    grid: OccupancyGrid, shape: ObjectShape, routes: Iterable[Path], keep: float
+    grid: OccupancyGrid, shape: ObjectShape, routes: Iterable[Path], route_clearance: float
 ) -> Floats:
     """Return poses every `SPACING` [m] on both sides of routes, as near as allowed.
 
@@ -199,7 +201,7 @@ def _place_beside_routes(
         for turn in (0.0, math.pi / 2) if long else (0.0,):
             extent = shape.half_length if turn else shape.half_width
             for side in (-1, 1):
-                side_offset = side * (keep + extent) / grid.resolution + side
+                side_offset = side * (route_clearance + extent) / grid.resolution + side
                 at_row, at_col = (
                     row + np.cos(ahead) * side_offset,
                     col - np.sin(ahead) * side_offset,
@@ -209,13 +211,13 @@ def _place_beside_routes(
     return _select_open_poses(grid, np.concatenate(pose_lists))
 
 
-def find_refusals(
+def find_refusal_reasons(
     places: Floats,
     grid: OccupancyGrid,
     robot_space: RobotSpace,
     routes: Floats,
-    keep: float,
-    closed: Bools,
+    route_clearance: float,
+    is_no_go: Bools,
 ) -> list[str]:
     """Return the reason against an object at each place, or "" if it is allowed.
 
@@ -228,10 +230,10 @@ def find_refusals(
     robot_space : RobotSpace
         Space of the robot next to such objects.
     routes : (m, 2) array
-        Row and column of positions along the routes [cells]; objects are `keep` [m] away.
-    keep : float
+        Row and column of positions along the routes [cells]; objects are `route_clearance` [m] away.
+    route_clearance : float
         Minimum distance of an object from the routes [m].
-    closed : (H, W) array of bool
+    is_no_go : (H, W) array of bool
         Cells in no-go zones, which no object may fill.
     """
     from scipy.spatial import cKDTree
@@ -243,18 +245,18 @@ def find_refusals(
     def reason(pose: Pose) -> str:
         row, col, heading = pose.tolist()
         cells = find_filled_cells(grid, shape, pose)
-        corners = place_outline(shape, np.array([0.0, 0.0, heading])) / resolution
+        corners = compute_outline_points(shape, np.array([0.0, 0.0, heading])) / resolution
         reach = np.abs(corners[:, ::-1]).max(axis=0) - 1e-6
         is_outside = (pose[:2] < reach) | (pose[:2] > grid.shape - reach)
         if is_outside.any() or unknown[cells].any():
             return "reaches beyond the map or into unknown space"
         if is_taken[cells].any():
             return "less than 5 cm from a wall or another object"
-        if closed[cells].any():
+        if is_no_go[cells].any():
             return "in a no-go zone"
-        near = tree.query_ball_point((row, col), (shape.reach + keep) / resolution)
+        near = tree.query_ball_point((row, col), (shape.reach + route_clearance) / resolution)
         y, x = (routes[near] - (row, col)).T * resolution
-        if (shape.compute_distance(x, y, heading) < keep).any():
+        if (shape.compute_distance(x, y, heading) < route_clearance).any():
             return "in the way of a route"
         return "cuts a passage for the robot" if robot_space.is_cut_by(pose) else ""
 
@@ -285,9 +287,9 @@ def _are_boxes_close(shape: ObjectShape, first: Floats, second: Floats, resoluti
 
 @dataclass
 class LandmarkSearch:
-    """Greedy search for the places that lower the objective of `RouteSight` most."""
+    """Greedy search for the places that lower the objective of `PlacementObjective` most."""
 
-    sight: RouteSight
+    sight: PlacementObjective
     """The visible objects along the routes, and the objective."""
     robot_space: RobotSpace
     """Space of the robot on the map without objects."""

@@ -62,8 +62,10 @@ def make_route_views(
         f"{count:,} poses with {rays.beams} rays", count * rays.beams * 40, "take shorter routes"
     )
     update = max(robot.amcl.update_min_d, 1e-3)
-    a_step = _make_sensing(robot, rays.beams, grid.resolution, compute_look_step(robot) / update)
-    return RouteViews(rays, np.cumsum([0, *map(len, lines)]), a_step, _make_motion(robot))
+    a_step = _make_beam_sensing(
+        robot, rays.beams, grid.resolution, compute_look_step(robot) / update
+    )
+    return RouteViews(rays, np.cumsum([0, *map(len, lines)]), a_step, _make_motion_noise(robot))
 
 
 def sample_lines(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) -> list[Poses]:
@@ -129,7 +131,7 @@ def _compute_range_falloff(amcl: Amcl, resolution: float) -> float:
     return narrow * turn / (SIGMA * max(amcl.sigma_hit, resolution)) ** 2
 
 
-def _make_sensing(robot: Robot, rays: int, resolution: float, looks: float) -> Any:
+def _make_beam_sensing(robot: Robot, n_rays: int, resolution: float, looks: float) -> Any:
     """Return the curvature of a filter's log-weight per look around.
 
     A product of likelihoods adds the curvature of each beam. Nav2's default model weighs by 1 plus
@@ -138,7 +140,7 @@ def _make_sensing(robot: Robot, rays: int, resolution: float, looks: float) -> A
     from locplan.advice.kernels.objectives import BeamSensing
 
     lidar, amcl = robot.known_lidar, robot.amcl
-    share = math.ceil(lidar.beams / amcl.beam_step(lidar.beams)) / rays
+    share = math.ceil(lidar.beams / amcl.beam_step(lidar.beams)) / n_rays
     sigma = SIGMA * max(amcl.sigma_hit, resolution)
     likelihood = amcl.z_hit + amcl.z_rand / amcl.reach(lidar)
     if amcl.laser_model_type == "likelihood_field_prob":
@@ -147,7 +149,7 @@ def _make_sensing(robot: Robot, rays: int, resolution: float, looks: float) -> A
     return BeamSensing(looks * share * curvature, share * likelihood**3)
 
 
-def _make_motion(robot: Robot) -> Any:
+def _make_motion_noise(robot: Robot) -> Any:
     """Return the motion noise of a filter and of the odometry."""
     from locplan.advice.kernels.objectives import MotionNoise
 
@@ -172,7 +174,7 @@ LOT_SIZE = 64
 
 
 @dataclass
-class RouteSight:
+class PlacementObjective:
     """Objects that a robot sees along its routes, and the objective of the placement.
 
     The objective is the mean of P_xx + P_yy along the routes [m^2], P the covariance of an
@@ -224,15 +226,15 @@ class RouteSight:
 
     def place_objects(self, place_numbers: Ints) -> None:
         """Start over with objects at these places, (k,)."""
-        from locplan.advice.kernels.landmarks import HITS, add_object, write_sums
+        from locplan.advice.kernels.landmarks import HITS, add_object_to_hits, write_hit_sums
 
         touched, rays = self._touched, self.route_views.rays
         self.hits[touched] = self._hits_of_map[touched]
         self.sums[touched] = self._sums_of_map[touched]
         touched[:] = False
         for x, y, heading in self.candidate_poses[place_numbers]:
-            add_object(self.hits, rays, self.outline, x, y, heading, touched)
-        write_sums(self.hits, rays, touched, self.sums)
+            add_object_to_hits(self.hits, rays, self.outline, x, y, heading, touched)
+        write_hit_sums(self.hits, rays, touched, self.sums)
         self.sums[:, HITS] = self._sums_of_map[:, HITS]
 
     def compute_objective(self) -> float:
@@ -252,7 +254,7 @@ class RouteSight:
 
     def compute_objectives(self, indices: Ints) -> Floats:
         """Return the objective with an object at each of these places as well, (m,) [m^2]."""
-        from locplan.advice.kernels.objectives import compute_uncertainties
+        from locplan.advice.kernels.objectives import compute_mean_variances
 
         route_views = self.route_views
         kernel_arguments = (
@@ -263,8 +265,8 @@ class RouteSight:
             route_views.motion,
         )
         return np.concatenate(
-            self._run_in_lots(
-                lambda part: compute_uncertainties(self.candidate_poses, part, *kernel_arguments),
+            self._run_in_batches(
+                lambda part: compute_mean_variances(self.candidate_poses, part, *kernel_arguments),
                 np.asarray(indices, np.int64),
             )
         )
@@ -287,7 +289,7 @@ class RouteSight:
             new_sightings = ObjectSightings(
                 starts, np.empty(room, np.int32), np.empty((room, 2), np.int16)
             )
-            self._run_in_lots(
+            self._run_in_batches(
                 lambda lot: find_sightings(
                     candidate_poses, lot[0], lot[-1] + 1, *kernel_arguments, new_sightings, counts
                 ),
@@ -304,7 +306,7 @@ class RouteSight:
         )
         return fill_sightings(starts)
 
-    def _run_in_lots(self, run: Callable[[Ints], Any], indices: Ints) -> list[Any]:
+    def _run_in_batches(self, run: Callable[[Ints], Any], indices: Ints) -> list[Any]:
         """Return the results of a function for the indices of each lot of places."""
         lots = np.split(indices, range(LOT_SIZE, len(indices), LOT_SIZE))
         with ThreadPoolExecutor(self.threads) as pool:

@@ -23,25 +23,25 @@ from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
-from locplan._support.records import POSE, Column, Result, Table
+from locplan._support.records import POSE, Result, Table, TableColumn
 from locplan._support.tables import nan_to_none, wrap_lines
 from locplan.advice.landmark_objects import (
     LandmarkObject,
     check_object,
+    compute_outline_points,
     map_poses_from_world,
     mark_objects,
-    place_outline,
 )
 from locplan.advice.landmark_search import (
     CLEARANCE,
     LandmarkSearch,
     RobotSpace,
-    find_refusals,
+    find_refusal_reasons,
     format_reason_counts,
     list_candidate_places,
     poses_from_places,
 )
-from locplan.advice.landmark_sight import RouteSight, make_route_views, sample_lines
+from locplan.advice.landmark_sight import PlacementObjective, make_route_views, sample_lines
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.config import equip_robot
 from locplan.maps.files import save_map
@@ -70,10 +70,10 @@ if TYPE_CHECKING:
 DRIVES = 100
 """Number of drives along each route by default."""
 DRIVE_COLUMNS = (
-    Column("drives", title="drives", digits=0, value=lambda outcome: outcome.n_drives),
+    TableColumn("drives", title="drives", digits=0, value=lambda outcome: outcome.n_drives),
     *RATE_COLUMNS,
-    Column("rmse", "m", "error, all drives", interval=True),
-    Column("kept_rmse", "m", "of those never lost", interval=True),
+    TableColumn("rmse", "m", "error, all drives", interval=True),
+    TableColumn("kept_rmse", "m", "of those never lost", interval=True),
 )
 
 
@@ -167,21 +167,21 @@ class Verification:
             drive_groups, Table.from_records(DRIVE_COLUMNS, drive_groups.values()).rows, strict=True
         )
         return Table(
-            (Column("world", title="landmarks"), *DRIVE_COLUMNS),
+            (TableColumn("world", title="landmarks"), *DRIVE_COLUMNS),
             tuple((name, *row) for name, row in rows),
         )
 
 
 PAYING_SHARE = 0.05
 """Minimum share by which a useful landmark lowers the expected deviation."""
-EXPECTED_DEVIATION = Column("expected_deviation", "m", "expected deviation", 3)
+EXPECTED_DEVIATION = TableColumn("expected_deviation", "m", "expected deviation", 3)
 LANDMARK_COLUMNS = (
-    Column("number", title="landmark", digits=0),
+    TableColumn("number", title="landmark", digits=0),
     *POSE,
-    Column("kind"),
-    Column("length", "m"),
-    Column("width", "m"),
-    Column("gain"),
+    TableColumn("kind"),
+    TableColumn("length", "m"),
+    TableColumn("width", "m"),
+    TableColumn("gain"),
     EXPECTED_DEVIATION,
 )
 """Columns of landmarks; a pole's length and width are its diameter."""
@@ -303,7 +303,7 @@ class Landmarks(Result):
         return np.asarray(self.curve**0.5)
 
     @property
-    def n_paying(self) -> int:
+    def n_useful(self) -> int:
         """Number of useful landmarks.
 
         Each further one lowers the expected deviation by less than 5 %.
@@ -316,10 +316,10 @@ class Landmarks(Result):
     def advice(self) -> str:
         """Sentence on landmarks with little effect; empty if all are useful."""
         little = f"lowers the expected deviation by less than {100 * PAYING_SHARE:.0f} %"
-        if self.n_paying == 0:
+        if self.n_useful == 0:
             return f"Each landmark {little}."
-        if self.n_paying < len(self):
-            return f"From number {self.n_paying + 1} on, each {little}: {self.n_paying} may do."
+        if self.n_useful < len(self):
+            return f"From number {self.n_useful + 1} on, each {little}: {self.n_useful} may do."
         return ""
 
     def table(self) -> Table:
@@ -336,7 +336,7 @@ class Landmarks(Result):
     def _write(self, folder: FilePath, verification: Verification | None = None) -> None:
         table = self.table()
         table.write_csv(folder / "landmarks.csv")
-        outlines = (place_outline(self.setting.kind.shape, pose) for pose in self.poses)
+        outlines = (compute_outline_points(self.setting.kind.shape, pose) for pose in self.poses)
         table.write_geojson(folder / "landmarks.geojson", outlines)
         if verification:
             verification.table().write_csv(folder / "verification.csv")
@@ -366,7 +366,7 @@ class Landmarks(Result):
                 "object": {"kind": setting.kind.word, **vars(setting.kind)},
                 "landmarks": self.table().records(),
                 EXPECTED_DEVIATION.name: self.expected_deviations.tolist(),
-                "paying": self.n_paying,
+                "paying": self.n_useful,
                 "routes": {name: path.length for name, path in setting.routes.items()},
                 "robot": setting.robot.summary(),
             }
@@ -519,7 +519,7 @@ def _prepare_search(
     ]
     clear_of = [path.resample(grid.resolution / 2).xy for path in routes.values()]
     at = np.column_stack(grid.world_to_grid(*np.concatenate(clear_of).T))
-    reasons = find_refusals(candidates, grid, robot_space, at, keep, closed)
+    reasons = find_refusal_reasons(candidates, grid, robot_space, at, keep, closed)
     allowed = np.array([not reason for reason in reasons], bool)
     if not allowed.any():
         raise ConfigError(
@@ -527,7 +527,7 @@ def _prepare_search(
             f" {format_reason_counts(reasons)}. Use a smaller object or smaller no-go zones"
         )
     return LandmarkSearch(
-        RouteSight(grid, route_views, kind.shape, candidates[allowed], threads), robot_space
+        PlacementObjective(grid, route_views, kind.shape, candidates[allowed], threads), robot_space
     )
 
 
@@ -545,7 +545,7 @@ def parse_routes(
     """
     if paths is not None:
         raw_paths = {"path": paths} if isinstance(paths, Path) else paths
-        values_by_name = _name_values(raw_paths, "path", "paths by name")
+        values_by_name = _name_values_by_number(raw_paths, "path", "paths by name")
         if not values_by_name:
             raise ConfigError("there are no paths. Give at least one path for the landmarks")
         routes = {
@@ -556,7 +556,7 @@ def parse_routes(
             if crosses_no_go(zones, grid, path):
                 raise ConfigError(f"path {name} crosses a no-go zone; change the path or the zone")
         return routes
-    values_by_name = _name_values(places, "place", "positions x, y in metres")
+    values_by_name = _name_values_by_number(places, "place", "positions x, y in metres")
     if not 2 <= len(values_by_name) <= MAX_PLACES:
         raise ConfigError(
             f"there must be 2 to {MAX_PLACES} places, not {len(values_by_name)}. Give more routes"
@@ -577,7 +577,7 @@ def parse_routes(
     return routes
 
 
-def _name_values(values: Any, word: str, requirement: str) -> Mapping[Any, Any]:
+def _name_values_by_number(values: Any, word: str, requirement: str) -> Mapping[Any, Any]:
     """Return a mapping as it is, or values named by numbers from 1."""
     if isinstance(values, Mapping):
         return values

@@ -13,11 +13,11 @@ from locplan._support.checks import check_integer
 from locplan._support.intervals import Interval
 from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
-from locplan._support.records import Column, Result, Table
+from locplan._support.records import Result, Table, TableColumn
 from locplan.errors import ConfigError
 from locplan.export.servers import write_filter_map
 from locplan.field.config import equip_robot
-from locplan.maps.files import MapSource, corrected_yaml
+from locplan.maps.files import MapSource, format_corrected_yaml
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFaults, faults, measure_solidity
 from locplan.maps.occupancy import OCCUPIED
@@ -121,11 +121,11 @@ class RepairedMap(Result):
     def table(self) -> Table:
         """Return the table of the verdicts, a row for each filter."""
         columns = (
-            Column("filter", title="filter"),
+            TableColumn("filter", title="filter"),
             make_rate_column("lost_as_is", "lost, original"),
             make_rate_column("lost_repaired", "lost, repaired"),
-            Column("rmse_ratio", title="error ratio", interval=True),
-            Column("verdict", title="verdict"),
+            TableColumn("rmse_ratio", title="error ratio", interval=True),
+            TableColumn("verdict", title="verdict"),
         )
         return Table.from_records(columns, self.verdicts)
 
@@ -134,7 +134,7 @@ class RepairedMap(Result):
         if self.n_changed:
             write_filter_map(folder, self.filter_map)
         if self.source is not None:
-            (folder / "map.yaml").write_text(corrected_yaml(self.source), "utf-8")
+            (folder / "map.yaml").write_text(format_corrected_yaml(self.source), "utf-8")
 
     def figure(self) -> Figure:
         """Draw the original and the repaired map, side by side."""
@@ -283,9 +283,13 @@ def _plan_random_paths(grid: OccupancyGrid, robot: Robot, count: int, seed: int)
     return {name: path for name, path in path_pairs if path is not None}
 
 
-def _make_verdict(name: str, as_is: Sequence[Drives], repaired: Sequence[Drives]) -> MapVerdict:
+def _make_verdict(
+    name: str, original_drives: Sequence[Drives], repaired_drives: Sequence[Drives]
+) -> MapVerdict:
     """Return the verdict on the drives along all paths together."""
-    comparison = compare_drives(DriveSet.from_drives(as_is), DriveSet.from_drives(repaired))
+    comparison = compare_drives(
+        DriveSet.from_drives(original_drives), DriveSet.from_drives(repaired_drives)
+    )
     return MapVerdict(name, *comparison.lost, comparison.ratio, comparison.word)
 
 

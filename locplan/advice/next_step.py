@@ -9,7 +9,7 @@ from typing import NamedTuple
 from locplan._support.intervals import format_metres
 from locplan._support.runs import get_command_line
 from locplan.advice.check_result import Check
-from locplan.advice.files import Params, as_files, has_amcl
+from locplan.advice.files import Params, has_amcl_section, list_parameter_files
 from locplan.advice.fixes import (
     CHEAP,
     CORRECTED_MAP,
@@ -19,7 +19,7 @@ from locplan.advice.fixes import (
     REPAIRED_MAP,
     SETTINGS,
 )
-from locplan.advice.rates import is_better, is_rare
+from locplan.advice.rates import is_better, is_loss_rate_low
 
 HALF = 0.5
 """Share of lost drives that is still a failure."""
@@ -66,11 +66,11 @@ def choose_next_action(
         then = ", then check again" if "locplan check" in commands else ""
         return NextAction(f"{doing}{then}:", commands, check.list_written_files(params))
     if check.passage:
-        return NextAction(*_correct_footprint(check, repeat_command), {})
-    return NextAction(*_try_further(check, repeat_command, map_file), {})
+        return NextAction(*_advise_footprint_correction(check, repeat_command), {})
+    return NextAction(*_advise_without_better_fix(check, repeat_command, map_file), {})
 
 
-def remaining_text(check: Check) -> str:
+def describe_remaining_failures(check: Check) -> str:
     """Return the sentence on failures that remain with the fixes; empty if none remain."""
     if not check.recommended:
         return ""
@@ -78,7 +78,7 @@ def remaining_text(check: Check) -> str:
         if CORRECTED_MAP in check.recommended:
             return "The map file is wrong, but simulated drives are not better with the correction."
         return "The settings help on the recording, but not in simulated drives."
-    if is_rare(check.after.lost):
+    if is_loss_rate_low(check.after.lost):
         return ""
     share = "Most" if check.after.lost.value >= HALF else "Some"
     get_lost = "still get lost" if check.before.lost.value > 0 else "get lost with the fix"
@@ -107,7 +107,7 @@ def _list_instructions(check: Check, folder: Folder, params: Params) -> list[str
     file = folder / "nav2_params.yaml"
     parameters = f"copy the amcl section of {file} into your parameters"
     kinds = {fix.kind for fix in check.recommended_fixes}
-    if {FULL_RANGE, SETTINGS} & kinds and has_amcl(as_files(params)):
+    if {FULL_RANGE, SETTINGS} & kinds and has_amcl_section(list_parameter_files(params)):
         parameters = f"start Nav2 with {file}"
     texts = {
         CORRECTED_MAP: f"use {folder / 'map.yaml'} as the map",
@@ -123,7 +123,7 @@ def _list_instructions(check: Check, folder: Folder, params: Params) -> list[str
     return [*dict.fromkeys(texts[fix.kind] for fix in check.recommended_fixes)]
 
 
-def _correct_footprint(check: Check, repeat_command: list[str]) -> tuple[str, str]:
+def _advise_footprint_correction(check: Check, repeat_command: list[str]) -> tuple[str, str]:
     """Return instruction and command if drives fail even with perfect localization."""
     passage, robot = check.passage, check.scenario.robot
     widen = "widen the passage, or " if passage and passage.is_narrow else ""
@@ -137,7 +137,9 @@ def _correct_footprint(check: Check, repeat_command: list[str]) -> tuple[str, st
     )
 
 
-def _try_further(check: Check, repeat_command: list[str], map_file: str) -> tuple[str, str]:
+def _advise_without_better_fix(
+    check: Check, repeat_command: list[str], map_file: str
+) -> tuple[str, str]:
     """Return instruction and command if no fix is better."""
     if check.effort == "quick":
         return (
@@ -162,7 +164,7 @@ def _make_commands(
     """Return the commands that apply the fixes or check them again, a line each."""
     kinds, absolute_folder = {*check.recommended}, folder.resolve()
     lines = []
-    mask, params = bool(check.artifacts.get(PATHS)), as_files(params)
+    mask, params = bool(check.artifacts.get(PATHS)), list_parameter_files(params)
     # The map servers come before Nav2, which waits for its maps.
     for place, is_needed in (
         (absolute_folder, REPAIRED_MAP in kinds),
@@ -174,7 +176,7 @@ def _make_commands(
         name = "map_with_landmarks.yaml" if LANDMARKS in kinds else "map.yaml"
         map_file = str(absolute_folder / name)
     arguments = [f"map:={map_file}"]
-    settings = {FULL_RANGE, SETTINGS} & kinds and has_amcl(params)
+    settings = {FULL_RANGE, SETTINGS} & kinds and has_amcl_section(params)
     changed = str(absolute_folder / "nav2_params.yaml") if settings else ""
     if mask and params:  # which has the other changes, too
         parameter_name = "nav2.yaml" if changed or len(params) == 1 else "merged.yaml"

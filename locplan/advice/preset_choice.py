@@ -15,7 +15,7 @@ from typing import Protocol
 from locplan._support.intervals import Interval, format_metres, format_rate
 from locplan._support.poses import Poses, find_update_poses
 from locplan._support.progress import ProgressCallback
-from locplan._support.records import Column, Table
+from locplan._support.records import Table, TableColumn
 from locplan._support.saved import to_plain_data
 from locplan.advice.trials import is_futile
 from locplan.robots.amcl import Amcl
@@ -32,13 +32,13 @@ LEVEL_DRIVES = 64
 A preset with 16 points more drives off at the end is detected in 88 % of cases, with 11 points more
 in 55 %, and with 6 points more in 8 %."""
 RESULT_COLUMNS = (
-    Column("settings", title="settings"),
-    Column("case", title="drives"),
-    Column("error", "m", "error", interval=True),
+    TableColumn("settings", title="settings"),
+    TableColumn("case", title="drives"),
+    TableColumn("error", "m", "error", interval=True),
     make_rate_column("lost", "lost"),
     make_rate_column("off_at_end", "off at the end"),
-    Column("verdict", title="verdict"),
-    Column("n_drives"),
+    TableColumn("verdict", title="verdict"),
+    TableColumn("n_drives"),
 )
 """Columns of the drives with each settings."""
 
@@ -358,7 +358,7 @@ class _PresetTrial:
 
     def _find_harm(self, name: str, case: LevelCase) -> str:
         """Return the harm of a preset at a level, from as few drives as possible; or empty."""
-        for n_looks in self._looks_at(case):
+        for n_looks in self._iterate_look_numbers(case):
             drives = self._drive(name, case, n_looks)
             if drives.is_rarely_off:
                 return ""  # the user's settings need no drives
@@ -384,7 +384,7 @@ class _PresetTrial:
                     return ""  # all drives would hardly show that more are off
         return ""
 
-    def _looks_at(self, case: LevelCase) -> Iterator[int]:
+    def _iterate_look_numbers(self, case: LevelCase) -> Iterator[int]:
         """Yield the numbers of looks at which a level may be decided."""
         yield from range(len(case.looks) if self._drives_all else 1, len(case.looks) + 1)
 
@@ -394,7 +394,7 @@ class _PresetTrial:
             before, after = (
                 self._replay(settings, recording) for settings in (USER_SETTINGS, name)
             )
-            if objection := find_objection(before, after):
+            if objection := find_replay_objection(before, after):
                 return f"{name} settings: {objection} on {recording.name}"
         self.compare_at_usual_level(name)
         if self._verdicts[name].word == WORSE:
@@ -474,12 +474,12 @@ class _PresetTrial:
         if name == USER_SETTINGS:
             word = BASELINE
         else:
-            word = "contradicted" if before and find_objection(before, runs) else "confirmed"
+            word = "contradicted" if before and find_replay_objection(before, runs) else "confirmed"
         rates = runs.rmse, runs.lost_rate, runs.off_at_end_rate
         return CaseResult(name, recording, *rates, len(runs.errors), word)
 
 
-def find_objection(before: Drives, after: Drives) -> str:
+def find_replay_objection(before: Drives, after: Drives) -> str:
     """Return the reason of a replay against settings; empty without one.
 
     Parameters

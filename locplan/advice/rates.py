@@ -12,7 +12,7 @@ import numpy as np
 from locplan._support.intervals import Interval, compute_wilson_interval
 from locplan._support.kernels.arrays import Floats
 from locplan.advice.fixes import CHEAP, CORRECTED_MAP, KINDS, SETTINGS
-from locplan.advice.trials import RouteDrives
+from locplan.advice.trials import DrivesOnRoutes
 from locplan.planning.path import Path
 from locplan.simulation.arrivals import ARRIVED, FOLLOWER_FAULT, WORLD_FAULT, Arrivals
 from locplan.simulation.verdict import BETTER
@@ -28,9 +28,9 @@ MODERATE_ERROR = 0.1
 UNKNOWN_RATE = Interval(math.nan, math.nan, math.nan)
 
 
-def is_rare(lost: Interval) -> bool:
+def is_loss_rate_low(loss_rate: Interval) -> bool:
     """True if the loss rate may be low enough to need no fix."""
-    return lost.low <= MAX_LOST_RATE
+    return loss_rate.low <= MAX_LOST_RATE
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class DriveRates:
     @property
     def is_reliable(self) -> bool:
         """True if drives are rarely lost, and rarely miss the goal because of localization."""
-        return is_rare(self.lost) and not self.missed.low > MAX_MISSED_RATE
+        return is_loss_rate_low(self.lost) and not self.missed.low > MAX_MISSED_RATE
 
     @property
     def fails_if_localized(self) -> bool:
@@ -201,14 +201,16 @@ def rank_fixes(fixes: Sequence[FixResult]) -> list[FixResult]:
     return sorted(fixes, key=key)
 
 
-def compute_drive_rates(outcome: RouteDrives, arrivals: Mapping[str, Arrivals]) -> DriveRates:
+def compute_drive_rates(
+    route_drives: DrivesOnRoutes, arrivals: Mapping[str, Arrivals]
+) -> DriveRates:
     """Compute the rates of drives along some routes.
 
     In closed loop all routes have equal weight, whatever their number of drives.
 
     Parameters
     ----------
-    outcome : Outcome
+    route_drives : Outcome
         The open-loop drives.
     arrivals : mapping of str to Arrivals
         The closed-loop drives of each route; empty without any.
@@ -230,9 +232,9 @@ def compute_drive_rates(outcome: RouteDrives, arrivals: Mapping[str, Arrivals]) 
             for route_shares in (shares, np.array(misses) / counts)
         )
     n_closed = sum(len(drives.drives) for drives in arrivals.values())
-    drive_set = outcome.drive_set
+    drive_set = route_drives.drive_set
     return DriveRates(
-        n_drives=outcome.lost.size,
+        n_drives=route_drives.lost.size,
         lost=drive_set.lost_rate,
         error=drive_set.error,
         off_at_end=drive_set.off_at_end_rate,

@@ -15,7 +15,7 @@ from locplan.recordings.calibration import fit_odometry_noise, fit_scan_noise
 from locplan.recordings.faults import RecordingFaults, find_recording_faults
 from locplan.recordings.map_fit import find_misfits, fit_ranges, fit_to_map
 from locplan.recordings.recording import Recording
-from locplan.recordings.replays import ReplayedDrive, find_replay_limit, find_sparse_notes
+from locplan.recordings.replays import ReplayedDrive, find_replay_obstacle, find_sparse_scan_notes
 from locplan.robots.robot import Robot
 
 
@@ -77,11 +77,11 @@ def analyze_recordings(
             continue
         fitting.append(recording)
         name = f"drive {number}"
-        if recording.odometry is not None and find_sparse_notes(recording, robot.amcl):
+        if recording.odometry is not None and find_sparse_scan_notes(recording, robot.amcl):
             sentences.append(
                 f"{name}: too few scans to measure how often the filter gets lost. Record all scans"
             )
-        if limit := find_replay_limit(recording):
+        if limit := find_replay_obstacle(recording):
             sentences.append(f"{name}: {limit}")
         else:
             replays.append(

@@ -14,7 +14,7 @@ from locplan._support.output import replace_file
 from locplan._support.public import load_templates
 from locplan.advice.check_result import Check
 from locplan.advice.figures import SIZE, caption_text, crop_to_free, place_labels
-from locplan.advice.next_step import choose_next_action, remaining_text
+from locplan.advice.next_step import choose_next_action, describe_remaining_failures
 from locplan.advice.text import (
     headline_sentences,
     make_fix_rows,
@@ -64,16 +64,16 @@ class MapDrawing(NamedTuple):
 
     def format_points(self, xy: Any) -> str:
         """Return positions (n, 2) [m] as the points of an SVG polyline."""
-        return " ".join(f"{x:.1f},{y:.1f}" for x, y in self.drawing_positions(xy))
+        return " ".join(f"{x:.1f},{y:.1f}" for x, y in self.convert_to_drawing(xy))
 
-    def drawing_positions(self, xy: Any) -> list[list[float]]:
+    def convert_to_drawing(self, xy: Any) -> list[list[float]]:
         """Return positions (n, 2) [m] in units of the drawing, y downwards."""
         rows, cols = self.grid.world_to_grid(*np.reshape(xy, (-1, 2)).T)
         positions = np.column_stack([cols * self.scale, self.height - rows * self.scale])
         return [[x, y] for x, y in positions.round(1).tolist()]
 
 
-def bar_percentages(rate: Interval) -> dict[str, float]:
+def compute_bar_percentages(rate: Interval) -> dict[str, float]:
     """Return value, lower end and width of an interval in per cent, for a bar."""
     value, low, high = (100 * (bound if math.isfinite(bound) else 0.0) for bound in rate)
     return {"value": value, "low": low, "width": high - low}
@@ -92,7 +92,11 @@ def write_report(path: Path, check: Check, *related: Any) -> None:
         The folder of the files and the user's parameters, see `choose_next_action`.
     """
     environment = load_templates("locplan.advice", autoescape=True, lstrip_blocks=True)
-    environment.filters |= {"share": format_rate, "bar": bar_percentages, "problem": problem_text}
+    environment.filters |= {
+        "share": format_rate,
+        "bar": compute_bar_percentages,
+        "problem": problem_text,
+    }
     n_routes = len(check.routes)
     text = environment.get_template("report.html").render(
         check=check,
@@ -102,14 +106,14 @@ def write_report(path: Path, check: Check, *related: Any) -> None:
         passage=passage_text(check.passage) if check.passage else "",
         fixes=make_fix_rows(check),
         settings=settings_sentences(check),
-        remaining=remaining_text(check),
+        remaining=describe_remaining_failures(check),
         caption=caption_text(check),
         action=choose_next_action(check, *related),
         drawing=(drawing := MapDrawing.from_map(check.scenario.world)),
         labels=place_labels(check, drawing.label_size),
-        lost=[xy for route in check.routes for xy in drawing.drawing_positions(route.lost_at)],
+        lost=[xy for route in check.routes for xy in drawing.convert_to_drawing(route.lost_at)],
         stopped=[
-            xy for route in check.routes for xy in drawing.drawing_positions(route.stopped_at)
+            xy for route in check.routes for xy in drawing.convert_to_drawing(route.stopped_at)
         ],
     )
     with replace_file(path) as temporary:

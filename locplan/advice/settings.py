@@ -7,7 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from locplan.advice.driving import Scenario
-from locplan.advice.preset_choice import LevelCase, PresetChoice, choose_preset, find_objection
+from locplan.advice.preset_choice import (
+    LevelCase,
+    PresetChoice,
+    choose_preset,
+    find_replay_objection,
+)
 from locplan.advice.recorded import RecordingEvidence
 from locplan.advice.tuning import cut_path, make_simulated_cases
 from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TURNS
@@ -82,7 +87,7 @@ def is_contradicted(
         None if fixed_scenario.filter_map is scenario.filter_map else fixed_scenario.filter_map
     )
     return any(
-        find_objection(
+        find_replay_objection(
             drive.replay(scenario.robot.amcl),
             replace(drive, filter_map=changed_map or drive.filter_map).replay(
                 fixed_scenario.robot.amcl

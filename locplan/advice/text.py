@@ -10,14 +10,14 @@ from pathlib import Path as Folder
 from typing import Any, NamedTuple
 
 from locplan._support.intervals import Interval, format_metres, format_rate
-from locplan._support.records import Column, Table
+from locplan._support.records import Table, TableColumn
 from locplan._support.runs import get_command_line
 from locplan._support.tables import wrap_lines
 from locplan.advice.check_result import Check
 from locplan.advice.driving import Scenario
-from locplan.advice.failures import Passage
+from locplan.advice.failures import FailurePassage
 from locplan.advice.fixes import SETTINGS
-from locplan.advice.next_step import choose_next_action, remaining_text
+from locplan.advice.next_step import choose_next_action, describe_remaining_failures
 from locplan.advice.rates import DriveRates, FixResult, RouteResult
 from locplan.advice.weak_spots import NO_HEADING, WeakSpot
 from locplan.maps.map_faults import MapFaults
@@ -107,13 +107,15 @@ def problem_text(route: RouteResult) -> str:
     """Return the failures along a route with their places; empty if no drive fails."""
     rates, problems = route.rates, []
     if rates.lost.value > 0:
-        problems.append(_add_place("lost", route.lost_near))
+        problems.append(_append_place_letters("lost", route.lost_near))
     if rates.endings:
-        problems.append(_add_place(ENDING_TEXTS[_find_main_ending(rates)], route.stopped_near))
+        problems.append(
+            _append_place_letters(ENDING_TEXTS[_find_main_ending(rates)], route.stopped_near)
+        )
     return ", ".join(problems)
 
 
-def _add_place(problem: str, letters: str) -> str:
+def _append_place_letters(problem: str, letters: str) -> str:
     return f"{problem} at {letters}" if letters else problem
 
 
@@ -140,7 +142,7 @@ def spot_text(spot: WeakSpot, n_routes: int) -> str:
     return f"{name} at {spot.place}, {spot.size}: {details}, {passed}"
 
 
-def passage_text(passage: Passage) -> str:
+def passage_text(passage: FailurePassage) -> str:
     """Return the sentence on the place where drives fail even with perfect localization.
 
     Parameters
@@ -228,7 +230,7 @@ def check_report(check: Check, folder: Folder | None = None, *related: Any) -> s
     notes = [text for text in check.recording_sentences if text not in check.recording_findings]
     notes += [f"map: {fault.sentence}" for fault in check.faults if not fault.boxes]
     passage = [passage_text(check.passage)] if check.passage else []
-    remaining = wrap_lines([*filter(None, [remaining_text(check)])])
+    remaining = wrap_lines([*filter(None, [describe_remaining_failures(check)])])
     blocks: list[list[str]] = []
     for n_notes, n_spots, n_routes, n_fixes, detail in ROW_COUNTS:
         spots = [spot_text(spot, len(check.routes)) for spot in check.spots[:n_spots]]
@@ -283,11 +285,11 @@ def _format_replay_table(check: Check, *, is_complete: bool) -> list[str]:
     if choice is None or not choice.recordings:
         return []
     columns = (
-        Column("settings", value=lambda result: result.settings),
-        Column("case", title="drives", value=lambda result: result.case),
-        Column("error", title="error", value=lambda result: format_metres(result.error.value)),
-        Column("lost", title="lost", value=lambda result: _format_share(result.lost)),
-        Column(
+        TableColumn("settings", value=lambda result: result.settings),
+        TableColumn("case", title="drives", value=lambda result: result.case),
+        TableColumn("error", title="error", value=lambda result: format_metres(result.error.value)),
+        TableColumn("lost", title="lost", value=lambda result: _format_share(result.lost)),
+        TableColumn(
             "off_at_end",
             title="off at the end",
             value=lambda result: _format_share(result.off_at_end),
@@ -330,17 +332,17 @@ def _describe_map_sizes(scenario: Scenario) -> str:
     )
 
 
-def _make_rate_columns() -> tuple[Column, ...]:
+def _make_rate_columns() -> tuple[TableColumn, ...]:
     is_narrow = shutil.get_terminal_size((NARROW, 24)).columns < NARROW
     off_at_end, reached = "off at the end", "reaches the goal"
     if is_narrow:
         off_at_end, reached = "off at end", "at goal"
     return (
-        Column("lost", title="lost", value=lambda row: _format_share(row.rates.lost)),
-        Column(
+        TableColumn("lost", title="lost", value=lambda row: _format_share(row.rates.lost)),
+        TableColumn(
             "off_at_end", title=off_at_end, value=lambda row: _format_share(row.rates.off_at_end)
         ),
-        Column("reached", title=reached, value=lambda row: _format_share(row.rates.reached)),
+        TableColumn("reached", title=reached, value=lambda row: _format_share(row.rates.reached)),
     )
 
 
@@ -356,32 +358,34 @@ def _make_unbreakable(text: str) -> str:
 def _format_route_table(check: Check, n_rows: int) -> list[str]:
     """Return the lines of the worst routes."""
     columns = (
-        Column("route", value=lambda route: route.name),
+        TableColumn("route", value=lambda route: route.name),
         *_make_rate_columns(),
-        Column("problem", title="", value=problem_text),
+        TableColumn("problem", title="", value=problem_text),
     )
-    title = _first_heading("route", "routes", n_rows, len(check.routes))
+    title = _format_first_heading("route", "routes", n_rows, len(check.routes))
     return _format_table_lines(columns, title, check.routes[:n_rows])
 
 
 def _format_fix_table(check: Check, n_rows: int) -> list[str]:
     """Return the lines of the baseline and of the best fixes."""
     columns = (
-        Column("fix", value=lambda row: row.title),
+        TableColumn("fix", value=lambda row: row.title),
         *_make_rate_columns(),
-        Column("error", title="error", value=lambda row: _make_unbreakable(row.error)),
+        TableColumn("error", title="error", value=lambda row: _make_unbreakable(row.error)),
     )
     rows = make_fix_rows(check)
-    title = _first_heading("fix", "fixes", n_rows, len(rows) - 1)
+    title = _format_first_heading("fix", "fixes", n_rows, len(rows) - 1)
     return _format_table_lines(columns, title, rows[: n_rows + 1]) if check.fixes else []
 
 
-def _first_heading(name: str, plural: str, n_rows: int, n_all: int) -> str:
+def _format_first_heading(name: str, plural: str, n_rows: int, n_all: int) -> str:
     """Return the heading of a first column, with the number of rows if some are left out."""
     return f"{n_rows} of {n_all} {plural}" if n_rows < n_all else name
 
 
-def _format_table_lines(columns: Sequence[Column], title: str, records: Sequence[Any]) -> list[str]:
+def _format_table_lines(
+    columns: Sequence[TableColumn], title: str, records: Sequence[Any]
+) -> list[str]:
     """Return the lines of a table."""
     name, *further_columns = columns
     table = Table.from_records([replace(name, title=title), *further_columns], records)

@@ -31,7 +31,7 @@ SUPERFLUOUS = 0.95
 """Maximum ratio of errors of a fix in a combination, unless it prevents lost drives."""
 
 
-class RouteDrives(NamedTuple):
+class DrivesOnRoutes(NamedTuple):
     """Open-loop drives along all routes; drives at the same index of two sets are a pair."""
 
     log_error: Floats
@@ -44,7 +44,7 @@ class RouteDrives(NamedTuple):
     """True for the drives that are off at the end, (routes, drives)."""
 
     @classmethod
-    def join(cls, parts: Sequence[RouteDrives]) -> RouteDrives:
+    def join(cls, parts: Sequence[DrivesOnRoutes]) -> DrivesOnRoutes:
         """Join drives of further numbers along the same routes.
 
         Parameters
@@ -54,7 +54,7 @@ class RouteDrives(NamedTuple):
         """
         return cls(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
 
-    def select(self, routes: slice = slice(None), drives: slice = slice(None)) -> RouteDrives:
+    def select(self, routes: slice = slice(None), drives: slice = slice(None)) -> DrivesOnRoutes:
         """Return the drives of some routes and some indices.
 
         Parameters
@@ -65,7 +65,9 @@ class RouteDrives(NamedTuple):
             The indices of the drives; all by default.
         """
         at = routes, drives
-        return RouteDrives(self.log_error[at], self.lost[at], self.lost_at[at], self.off_at_end[at])
+        return DrivesOnRoutes(
+            self.log_error[at], self.lost[at], self.lost_at[at], self.off_at_end[at]
+        )
 
     @property
     def drive_set(self) -> DriveSet:
@@ -89,7 +91,9 @@ class FixContrast(NamedTuple):
         return self.verdict.word == BETTER and self.verdict.has_fewer_lost
 
 
-def compare_fix(before: RouteDrives, after: RouteDrives, *, n_alternatives: int = 1) -> FixContrast:
+def compare_fix(
+    before: DrivesOnRoutes, after: DrivesOnRoutes, *, n_alternatives: int = 1
+) -> FixContrast:
     """Compare two sets of drives of the same numbers.
 
     Parameters
@@ -143,16 +147,16 @@ class FixTrial(NamedTuple):
 
     contrast: FixContrast
     """The comparison with the drives without it."""
-    outcome: RouteDrives
+    outcome: DrivesOnRoutes
     """The drives."""
     is_stopped: bool
     """True if the trial was stopped after a few drives."""
 
 
 def try_fix(
-    drive: Callable[[range], RouteDrives],
-    trial_drives: tuple[range, RouteDrives],
-    full_drives: tuple[range, RouteDrives],
+    drive: Callable[[range], DrivesOnRoutes],
+    trial_drives: tuple[range, DrivesOnRoutes],
+    full_drives: tuple[range, DrivesOnRoutes],
 ) -> FixTrial:
     """Simulate a few drives with a fix, and all drives only if it leads.
 
@@ -176,19 +180,19 @@ class FixCombination(NamedTuple):
 
     kinds: tuple[str, ...]
     """Kinds of the fixes; empty if fresh drives confirm none."""
-    before: RouteDrives
+    before: DrivesOnRoutes
     """Drives of the baseline, fresh ones if fixes had to be confirmed."""
-    after: RouteDrives
+    after: DrivesOnRoutes
     """The same drives with all of the fixes."""
 
 
-DriveFixes = Callable[[tuple[str, ...], range], RouteDrives]
+DriveFixes = Callable[[tuple[str, ...], range], DrivesOnRoutes]
 """Function that drives with fixes of some kinds."""
 
 
 def select_fixes(
-    certain: tuple[str, ...],
-    order: Sequence[str],
+    certain_kinds: tuple[str, ...],
+    ranked_kinds: Sequence[str],
     drive: DriveFixes,
     selection_numbers: range,
     costly: Sequence[str] = (),
@@ -197,9 +201,9 @@ def select_fixes(
 
     Parameters
     ----------
-    certain : tuple of str
+    certain_kinds : tuple of str
         Kinds of fixes that are recommended even if no drive improves.
-    order : sequence of str
+    ranked_kinds : sequence of str
         Kinds of fixes that are better alone, the best first.
     drive : callable
         Drives with fixes of some kinds.
@@ -208,10 +212,10 @@ def select_fixes(
     costly : sequence of str, default ()
         Kinds that must reduce lost drives; a lower error does not justify them.
     """
-    kinds = certain or tuple(order[:1])
-    while kind := _find_next_fix(kinds, order, drive, selection_numbers, costly):
+    kinds = certain_kinds or tuple(ranked_kinds[:1])
+    while kind := _find_next_fix(kinds, ranked_kinds, drive, selection_numbers, costly):
         kinds = (*kinds, kind)
-    for kind in [kind for kind in kinds if kind not in certain]:
+    for kind in [kind for kind in kinds if kind not in certain_kinds]:
         reduced = tuple(other for other in kinds if other != kind)
         if reduced and _is_superfluous(
             drive(reduced, selection_numbers), drive(kinds, selection_numbers)
@@ -221,11 +225,11 @@ def select_fixes(
 
 
 def confirm_fixes(
-    certain: tuple[str, ...],
+    certain_kinds: tuple[str, ...],
     kinds: tuple[str, ...],
     drive: DriveFixes,
     selection_numbers: range,
-    fresh: range,
+    fresh_numbers: range,
 ) -> FixCombination:
     """Confirm a combination of fixes by fresh drives, which alone decide.
 
@@ -233,7 +237,7 @@ def confirm_fixes(
 
     Parameters
     ----------
-    certain : tuple of str
+    certain_kinds : tuple of str
         Kinds of fixes that are recommended even if no drive improves.
     kinds : tuple of str
         Kinds of all fixes of the combination.
@@ -241,44 +245,49 @@ def confirm_fixes(
         Drives with fixes of some kinds.
     selection_numbers : range
         Numbers of the drives that selected the fixes.
-    fresh : range
+    fresh_numbers : range
         Numbers of the fresh drives.
     """
     numbers = selection_numbers
-    if kinds != certain:
-        n_routes = len(drive(kinds, fresh[:1]).lost)
-        half = (len(fresh) + 1) // 2
+    if kinds != certain_kinds:
+        n_routes = len(drive(kinds, fresh_numbers[:1]).lost)
+        half = (len(fresh_numbers) + 1) // 2
         is_early = half * n_routes >= MIN_FRESH
         verdict = confirm_alternative(
-            lambda numbers: (drive(certain, numbers).drive_set, drive(kinds, numbers).drive_set),
-            fresh,
-            looks=[half, len(fresh)] if is_early and half < len(fresh) else [len(fresh)],
+            lambda numbers: (
+                drive(certain_kinds, numbers).drive_set,
+                drive(kinds, numbers).drive_set,
+            ),
+            fresh_numbers,
+            looks=[half, len(fresh_numbers)]
+            if is_early and half < len(fresh_numbers)
+            else [len(fresh_numbers)],
         )
-        numbers = fresh[: verdict.n_drives // n_routes]
-        kinds = kinds if verdict.word == BETTER else certain
+        numbers = fresh_numbers[: verdict.n_drives // n_routes]
+        kinds = kinds if verdict.word == BETTER else certain_kinds
     return FixCombination(kinds, drive((), numbers), drive(kinds, numbers))
 
 
 def _find_next_fix(
     kinds: tuple[str, ...],
-    order: Sequence[str],
+    ranked_kinds: Sequence[str],
     drive: DriveFixes,
     selection_numbers: range,
-    costly: Sequence[str],
+    costly_kinds: Sequence[str],
 ) -> str:
     """Return the fix that improves a combination most; empty if no fix does."""
-    left = [kind for kind in order if kind not in kinds]
+    left = [kind for kind in ranked_kinds if kind not in kinds]
     scores = {}
     for kind in left:
         outcomes = drive(kinds, selection_numbers), drive((*kinds, kind), selection_numbers)
         addition = compare_fix(*outcomes, n_alternatives=len(left))
         is_better = addition.verdict.word == BETTER
-        if addition.has_fewer_lost or (is_better and kind not in costly):
+        if addition.has_fewer_lost or (is_better and kind not in costly_kinds):
             scores[kind] = addition.score
     return min(scores, key=lambda kind: scores[kind], default="")
 
 
-def _is_superfluous(reduced: RouteDrives, combined: RouteDrives) -> bool:
+def _is_superfluous(reduced: DrivesOnRoutes, combined: DrivesOnRoutes) -> bool:
     """True if adding a fix neither prevents lost drives nor lowers the error."""
     addition = compare_fix(reduced, combined)
     return addition.verdict.ratio.value > SUPERFLUOUS and addition.gain.value <= 0

@@ -41,21 +41,21 @@ from locplan.recordings.replays import (
     RUNS,
     ReplayedDrive,
     ReplayInputs,
-    find_replay_limit,
-    find_sparse_notes,
+    find_replay_obstacle,
+    find_sparse_scan_notes,
 )
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import AMCL_PRESETS, describe_preset
 from locplan.robots.robot import Robot
 from locplan.simulation.amcl_parameters import (
     BeamCount,
-    find_differing_names,
+    find_differing_parameters,
     list_setting_warnings,
     write_tuned_parameters,
 )
 from locplan.simulation.driver import drive_open
 from locplan.simulation.drives import check_drives
-from locplan.simulation.levels import LEVELS, NO_FAULT, Level, select_levels, select_paths
+from locplan.simulation.levels import LEVELS, NO_FAULT, Level, select_affected_paths, select_levels
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import DriveSet
 from locplan.simulation.worlds import (
@@ -122,7 +122,9 @@ class Tuning(Result):
     def changes(self) -> dict[str, float | str]:
         """Values of the parameters to change, by name; empty without a preset."""
         user_settings, winner = self.robot.amcl, self.winner
-        return {name: getattr(winner, name) for name in find_differing_names(user_settings, winner)}
+        return {
+            name: getattr(winner, name) for name in find_differing_parameters(user_settings, winner)
+        }
 
     @property
     def conclusion(self) -> str:
@@ -133,7 +135,8 @@ class Tuning(Result):
             return f"Keep {USER_SETTINGS}: {reasons}"
         if choice.recordings:
             before, after = (
-                self._first_result(name, choice.recordings) for name in (USER_SETTINGS, choice.name)
+                self._find_first_result(name, choice.recordings)
+                for name in (USER_SETTINGS, choice.name)
             )
             error, baseline_error = (format_metres(rates.error.value) for rates in (after, before))
             errors = f"{error} on {after.case}, {baseline_error}"
@@ -141,7 +144,7 @@ class Tuning(Result):
         less = 100 * (1 - choice.verdicts[choice.name].ratio.value)
         return f"Use {choice.title}: {less:.0f} % less error than with {USER_SETTINGS}"
 
-    def _first_result(self, name: str, cases: tuple[str, ...]) -> CaseResult:
+    def _find_first_result(self, name: str, cases: tuple[str, ...]) -> CaseResult:
         return next(r for r in self.choice.results if r.settings == name and r.case in cases)
 
     def table(self) -> Table:
@@ -320,7 +323,7 @@ def make_simulated_cases(
 
     def make_case(level: Level) -> LevelCase:
         is_usual = level == NO_FAULT
-        affected = select_paths(level, paths_by_name, grid)
+        affected = select_affected_paths(level, paths_by_name, grid)
         min_count = 0 if is_usual else math.ceil(LEVEL_DRIVES / len(affected))
         count = max(drives, min_count)
         looks = {min(count, math.ceil(n / len(affected))) for n in LEVEL_LOOKS}
@@ -646,7 +649,7 @@ def tune_on_drive(
     )
     beams_left = min(map(_count_returned_beams, drives_on_maps), key=lambda left: left.returned)
     sparse = dict.fromkeys(
-        note for drive in recordings for note in find_sparse_notes(drive, drive_robot.amcl)
+        note for drive in recordings for note in find_sparse_scan_notes(drive, drive_robot.amcl)
     )
     of_faults = [
         f"{replayed_drive.name}: {text.rstrip('.')}"
@@ -673,12 +676,12 @@ def tune_on_drive(
 def _check_drive(drive: ReplayedDrive) -> None:
     """Raise a RecordingError if a drive cannot be replayed or is too short."""
     ReplayInputs(drive.recording, check_filter_map(drive.filter_map, drive.grid))
-    if limit := find_replay_limit(drive.recording):
+    if limit := find_replay_obstacle(drive.recording):
         raise RecordingError(f"{drive.name}: {limit}")
 
 
 def _count_returned_beams(drive: ReplayedDrive) -> BeamCount:
     """Return the numbers of compared and returned beams on a drive."""
     tracks = ReplayInputs(drive.recording, check_filter_map(drive.filter_map, drive.grid))
-    ends = tracks.select_ends(drive.robot.amcl)
+    ends = tracks.select_amcl_ends(drive.robot.amcl)
     return BeamCount(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))

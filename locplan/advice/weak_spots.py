@@ -107,17 +107,17 @@ def trace_rings(mask: Bools) -> list[CellRing]:
     ]
 
 
-def _find_cycles(after: list[int]) -> list[list[int]]:
+def _find_cycles(successors: list[int]) -> list[list[int]]:
     """Return the cycles of a permutation."""
-    visited = bytearray(len(after))
+    visited = bytearray(len(successors))
     cycles = []
-    for first in range(len(after)):
+    for first in range(len(successors)):
         if not visited[first]:
             cycle, at = [], first
             while not visited[at]:
                 visited[at] = 1
                 cycle.append(at)
-                at = after[at]
+                at = successors[at]
             cycles.append(cycle)
     return cycles
 
@@ -163,7 +163,7 @@ def untangle_rings(rings: Sequence[Ints], corner_indices: Sequence[Ints]) -> lis
     while True:
         corners = [ring[k] for ring, k in zip(rings, corner_indices, strict=True)]
         bounds = np.cumsum([0, *map(len, corners)])
-        met = mark_meeting_lines(corners)
+        met = mark_crossing_lines(corners)
         if not met.any():
             return corner_indices
         for n in np.flatnonzero(np.add.reduceat(met, bounds[:-1])).tolist():
@@ -174,9 +174,12 @@ def untangle_rings(rings: Sequence[Ints], corner_indices: Sequence[Ints]) -> lis
             corner_indices[n] = np.unique(np.concatenate([corner_indices[n], *extra_corners]))
 
 
-def _find_farthest_corner(ring: Ints, corner_indices: Ints, line: int) -> Ints:
+def _find_farthest_corner(ring: Ints, corner_indices: Ints, line_number: int) -> Ints:
     """Return the index of the dropped corner farthest from a line; empty without one."""
-    first, last = corner_indices[line], corner_indices[(line + 1) % len(corner_indices)]
+    first, last = (
+        corner_indices[line_number],
+        corner_indices[(line_number + 1) % len(corner_indices)],
+    )
     left_out = np.arange(first + 1, last if last > first else last + len(ring)) % len(ring)
     if not left_out.size:
         return left_out
@@ -186,7 +189,7 @@ def _find_farthest_corner(ring: Ints, corner_indices: Ints, line: int) -> Ints:
     return np.asarray(left_out[farthest : farthest + 1])
 
 
-def mark_meeting_lines(rings: Sequence[Ints]) -> Bools:
+def mark_crossing_lines(rings: Sequence[Ints]) -> Bools:
     """Mark the lines of the rings that meet any line except their neighbours, (n,)."""
     sizes = [len(ring) for ring in rings]
     start = np.concatenate(rings)
@@ -207,25 +210,29 @@ def mark_meeting_lines(rings: Sequence[Ints]) -> Bools:
         a, b = np.nonzero(near)
         i, j = chunk[a], candidates[b]
         along, across = end[i] - start[i], end[j] - start[j]
-        touch = _compare_sides(along, start[i], start[j], end[j]) <= 0
-        touch &= _compare_sides(across, start[j], start[i], end[i]) <= 0
+        touch = _multiply_side_signs(along, start[i], start[j], end[j]) <= 0
+        touch &= _multiply_side_signs(across, start[j], start[i], end[i]) <= 0
         neighbours = (after[i] == j) | (after[j] == i)
-        back = (_cross(along, across) == 0) & (np.sum(along * across, axis=1) < 0)
+        back = (_compute_cross_products(along, across) == 0) & (np.sum(along * across, axis=1) < 0)
         bad = np.where(neighbours, back, touch)
         met[i[bad]] = met[j[bad]] = True
     return met
 
 
-def _compare_sides(along: Ints, origin: Ints, first: Ints, second: Ints) -> Ints:
+def _multiply_side_signs(along: Ints, origin: Ints, first: Ints, second: Ints) -> Ints:
     """Return at most 0 if two points do not lie strictly on one side of a line."""
-    return np.sign(_cross(along, first - origin)) * np.sign(_cross(along, second - origin))
+    return np.sign(_compute_cross_products(along, first - origin)) * np.sign(
+        _compute_cross_products(along, second - origin)
+    )
 
 
-def _cross(a: Ints, b: Ints) -> Ints:
+def _compute_cross_products(a: Ints, b: Ints) -> Ints:
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
-def make_polygons(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> dict[int, list[Ints]]:
+def make_polygons(
+    mask: Bools, labels: NDArray[np.int32], min_hole_cells: float
+) -> dict[int, list[Ints]]:
     """Return the rings of each label, outline first; holes of fewer cells are filled."""
     of_label: dict[int, list[CellRing]] = {}
     for ring in trace_rings(mask):
@@ -236,7 +243,7 @@ def make_polygons(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> di
         first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
         total = np.cumsum(-areas[holes])
         # Holes that are filled have at most 2 % of the area.
-        filled = (areas[holes] > -min_hole) & (total <= 0.02 * areas[first])
+        filled = (areas[holes] > -min_hole_cells) & (total <= 0.02 * areas[first])
         corners = [label_rings[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
         rings += corners
         corner_indices += simplify_rings(corners, 1.0)  # [cells], which makes steps straight
@@ -488,7 +495,7 @@ NO_HEADING, SCANS_FIT = "no corner fixes the heading", "the filter errs although
 
 
 def find_weak_spots(
-    costs: Costmap, field: CovarianceField, reach: float, paths: Mapping[str, Path]
+    costs: Costmap, field: CovarianceField, lidar_range: float, paths: Mapping[str, Path]
 ) -> tuple[WeakSpot, ...]:
     """Find the weak spots of a map, sorted by deviation x length x number of passing routes.
 
@@ -500,7 +507,7 @@ def find_weak_spots(
         The costmap of the field.
     field : CovarianceField
         The field.
-    reach : float
+    lidar_range : float
         Maximum lidar range that the filter uses [m].
     paths : mapping of str to Path
         The routes by name.
@@ -509,7 +516,10 @@ def find_weak_spots(
     reachable = _mark_reachable(costs, lines)
     costs = replace(costs, u=np.where(reachable, costs.u, np.nan))
     free = np.count_nonzero(reachable) * costs.grid.resolution**2
-    spots = [_make_spot(area, costs.grid, reach, lines) for area in _find_areas(costs, field, free)]
+    spots = [
+        _make_spot(area, costs.grid, lidar_range, lines)
+        for area in _find_large_enough_areas(costs, field, free)
+    ]
     return tuple(sorted(spots, key=lambda spot: spot.severity, reverse=True))
 
 
@@ -540,14 +550,16 @@ def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
     return np.asarray(near & costs.grid.free)
 
 
-def _find_areas(costs: Costmap, field: CovarianceField, free: float) -> tuple[DegenerateArea, ...]:
+def _find_large_enough_areas(
+    costs: Costmap, field: CovarianceField, free_area: float
+) -> tuple[DegenerateArea, ...]:
     """Return the degenerate areas; a higher threshold divides areas of a quarter of the map."""
     areas: tuple[DegenerateArea, ...] = ()
     for threshold in (None, 0.6, 0.7, 0.8, 0.9):  # minimum u of a spot's cells
         before, areas = areas, find_degenerate_areas(costs, field, threshold=threshold)
         if not areas:
             return before
-        if areas[0].area < 0.25 * free:  # else an area takes too much of the map
+        if areas[0].area < 0.25 * free_area:  # else an area takes too much of the map
             break
     return areas
 
@@ -591,10 +603,10 @@ def _make_spot(
     )
 
 
-def compute_visible_share(grid: OccupancyGrid, xy: tuple[float, float], reach: float) -> float:
+def compute_visible_share(grid: OccupancyGrid, xy: tuple[float, float], max_range: float) -> float:
     """Return the share of 72 directions with a wall within a range of a place [m]."""
     angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
-    steps = np.arange(0.0, reach, grid.resolution / 2)
+    steps = np.arange(0.0, max_range, grid.resolution / 2)
     at = grid.world_to_grid(xy[0] + steps * np.cos(angles), xy[1] + steps * np.sin(angles))
     rows, cols = (np.floor(indices).astype(int) for indices in at)
     height, width = grid.shape

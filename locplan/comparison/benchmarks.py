@@ -24,7 +24,7 @@ from locplan.comparison.statistics import (
     PlannerRun,
     compute_median_costs,
     list_best_costs,
-    query_from_run,
+    query_key_from_run,
 )
 from locplan.errors import LocplanError, MapError
 from locplan.maps.files import load_map
@@ -185,11 +185,11 @@ def write_ompl_logs(
     if not ordered:
         raise LocplanError("there are no runs to write a log of")
     environment = load_templates("locplan.comparison")
-    environment.filters |= {"line": _format_line, "word": _format_word, "number": _format_number}
+    environment.filters |= {"line": _format_line, "word": _join_words, "number": _format_number}
     template, costs = environment.get_template("ompl.log"), compute_median_costs(ordered)
-    queries = Counter(setting for setting, _ in {query_from_run(run) for run in ordered})
+    queries = Counter(setting for setting, _ in {query_key_from_run(run) for run in ordered})
     logs: dict[str, str] = {}
-    for (setting, query), group in groupby(ordered, query_from_run):
+    for (setting, query), group in groupby(ordered, query_key_from_run):
         problem_runs, task = list(group), "{}, {}, weight {:g}".format(*setting)
         reference = costs.get(((setting, query), baseline or ""), math.nan)
         logs[f"{len(logs):04d}.log"] = template.render(
@@ -216,7 +216,7 @@ def write_ompl_logs(
 
 
 def _summarize_planner_runs(
-    label: str, runs: Sequence[PlannerRun], reference: float
+    label: str, runs: Sequence[PlannerRun], reference_cost: float
 ) -> dict[str, Any]:
     """Return a planner's runs for a log, with their best costs at equal time steps."""
     points = [list_best_costs(run) for run in runs]
@@ -226,15 +226,15 @@ def _summarize_planner_runs(
     end = max((time for run_points in points for time, _ in run_points), default=0.0)
     moments = np.linspace(0.0, end, 101)[1:]
     courses = (
-        [_sample_best_costs(run_points, moments, reference) for run_points in points]
+        [_sample_best_costs(run_points, moments, reference_cost) for run_points in points]
         if has_history
         else []
     )
-    records = [_collect_run_values(run, reference) for run in runs]
+    records = [_collect_run_values(run, reference_cost) for run in runs]
     return {"label": label, "records": records, "courses": courses}
 
 
-def _collect_run_values(run: PlannerRun, reference: float) -> dict[str, float]:
+def _collect_run_values(run: PlannerRun, reference_cost: float) -> dict[str, float]:
     """Return the values of a run by OMPL's names; Planner Arena needs time and solved."""
     values = {
         "time REAL": run.seconds,
@@ -242,7 +242,7 @@ def _collect_run_values(run: PlannerRun, reference: float) -> dict[str, float]:
         "status ENUM": list(STATUS_BY_OMPL_NAME.values()).index(run.status),
         "planner seed INTEGER": run.task.seed,
         "wall time REAL": run.wall_seconds,
-        "relative cost REAL": run.measures.get("cost", math.nan) / (reference or math.nan),
+        "relative cost REAL": run.measures.get("cost", math.nan) / (reference_cost or math.nan),
     }
     for measure in MEASURES.keys() - {"seconds"}:
         head = "solution length" if measure == "length" else measure.replace("_", " ")
@@ -251,16 +251,16 @@ def _collect_run_values(run: PlannerRun, reference: float) -> dict[str, float]:
 
 
 def _sample_best_costs(
-    points: Sequence[tuple[float, float]], moments: Array, reference: float
+    timed_costs: Sequence[tuple[float, float]], moments: Array, reference_cost: float
 ) -> list[tuple[float, float, float]]:
     """Return cost, relative cost and time of a run from its first path to its end."""
-    if not points:
+    if not timed_costs:
         return []
-    times, best = np.array(points).T
+    times, best = np.array(timed_costs).T
     lasting = moments[moments >= times[0]]
     lasting = lasting[: 1 + int(np.sum(lasting < times[-1]))]
     costs = best[np.searchsorted(times, lasting, side="right") - 1]
-    relative = costs / (reference or math.nan)
+    relative = costs / (reference_cost or math.nan)
     return list(zip(costs.tolist(), relative.tolist(), lasting.tolist(), strict=True))
 
 
@@ -273,7 +273,7 @@ def _format_line(text: str) -> str:
     return " ".join(text.split()) or "unnamed"
 
 
-def _format_word(text: str) -> str:
+def _join_words(text: str) -> str:
     """Return a text as one word, since the script reads only the last word of some names."""
     return "_".join(text.split()) or "unnamed"
 

@@ -37,7 +37,7 @@ from locplan.comparison.settings import (
     describe_queries,
     resolve_queries,
 )
-from locplan.comparison.workers import Workers
+from locplan.comparison.workers import WorkerPool
 from locplan.errors import ConfigError
 from locplan.field.config import FieldConfig, config_from_settings
 from locplan.field.estimator import Estimator
@@ -166,7 +166,7 @@ def compare(
         if execution.journal is None
         else RunJournal(execution.journal, settings, force=execution.force) as journal,
         temporary_folder() as folder,
-        Workers(
+        WorkerPool(
             specs,
             check_workers(execution.workers),
             memory=execution.memory,
@@ -264,7 +264,7 @@ def _make_cases(
     fields: Mapping[str, FieldConfig],
     criterion: str | None,
     queries: Any,
-    headed: bool,
+    has_headings: bool,
     make_case: partial[MapCase],
 ) -> Iterator[tuple[MapCase, Costmap]]:
     """Yield a case and its costmap for each map and field; cases of a map share its queries."""
@@ -296,20 +296,20 @@ def _make_cases(
             ]
         for case in cases:
             costs, _ = case.costmap()
-            case_queries = case_queries or _make_queries(map_queries, costs, headed)
+            case_queries = case_queries or _make_queries(map_queries, costs, has_headings)
             yield dataclasses.replace(case, queries=case_queries), costs
 
 
-def _make_queries(query_source: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
+def _make_queries(query_source: Any, costs: Costmap, has_headings: bool) -> tuple[Query, ...]:
     """Return the queries of a case, drawn at random or read from a file if necessary."""
     if isinstance(query_source, RandomQueries):
         return normalize_queries(
-            costs, query_source.count, query_source.min_distance, query_source.seed, headed
+            costs, query_source.count, query_source.min_distance, query_source.seed, has_headings
         )
     if isinstance(query_source, (str, os.PathLike)) and Path(query_source).suffix == ".scen":
         # A file may hold fifteen thousand.
         return tuple(read_scenarios(query_source, costs.grid, count=100))
-    return normalize_queries(costs, query_source, 0.0, 1, headed)
+    return normalize_queries(costs, query_source, 0.0, 1, has_headings)
 
 
 def _check_weights(weights: Sequence[float] | None, case: MapCase, costs: Costmap) -> list[float]:

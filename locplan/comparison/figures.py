@@ -12,18 +12,18 @@ from matplotlib.lines import Line2D
 
 from locplan._support import drawing as styles
 from locplan._support.checks import make_printable
-from locplan._support.drawing import Picture, label_with_plain_numbers
+from locplan._support.drawing import NotebookFigure, label_with_plain_numbers
 from locplan._support.kernels.arrays import Floats
 from locplan.comparison.statistics import (
     PlannerRun,
     RunSetting,
     compute_median_costs,
     group_records,
-    query_from_run,
+    query_key_from_run,
 )
 from locplan.field.figures import draw_field
 from locplan.maps.figures import draw_map
-from locplan.planning.figures import draw_ends, draw_path
+from locplan.planning.figures import draw_path, draw_start_and_goal
 from locplan.planning.path import Path
 from locplan.planning.queries import Query
 
@@ -49,7 +49,7 @@ def cost_figure(comparison: Comparison) -> Figure:
     rows = _select_compared_standings(comparison.standings())
     if len(rows) > MAX_ROWS:
         rows = _select_compared_standings(comparison.standings(pooled=True))[:MAX_ROWS]
-    figure = Picture(figsize=(7, 1.0 + 0.34 * max(len(rows), 1)), layout="constrained")
+    figure = NotebookFigure(figsize=(7, 1.0 + 0.34 * max(len(rows), 1)), layout="constrained")
     axes = figure.subplots()
     axes.axvline(1, color="0.2", linewidth=1.4)
     low, high = _compute_cost_range(rows)
@@ -152,7 +152,9 @@ def find_most_telling_scene(comparison: Comparison) -> QueryScene | None:
 def _select_median_runs(
     comparison: Comparison, setting: RunSetting, query: str
 ) -> dict[str, PlannerRun]:
-    runs = [run for run in comparison.runs if query_from_run(run) == (setting, query) and run.xy]
+    runs = [
+        run for run in comparison.runs if query_key_from_run(run) == (setting, query) and run.xy
+    ]
     groups = group_records(runs, lambda run: run.task.planner)
     ordered = {
         name: sorted(group, key=lambda run: run.measures["cost"]) for name, group in groups.items()
@@ -168,7 +170,7 @@ def scene_figure(scene: QueryScene) -> Figure:
     scene : QueryScene
         The query with its paths.
     """
-    figure = Picture(figsize=(7, 5), layout="constrained")
+    figure = NotebookFigure(figsize=(7, 5), layout="constrained")
     axes = figure.subplots()
     _, field = scene.case.costmap()
     if field is None:
@@ -189,7 +191,7 @@ def scene_figure(scene: QueryScene) -> Figure:
         draw_path(axes, path, linewidth=width, path_effects=effects, color=color, linestyle=dashes)
         text = make_printable(f"{name}, J {scene.runs[name].measures['cost']:.1f} m")
         handles.append(Line2D([], [], linewidth=2.2, label=text, color=color, linestyle=dashes))
-    draw_ends(axes, scene.query.start, scene.query.goal)
+    draw_start_and_goal(axes, scene.query.start, scene.query.goal)
     _crop_to_paths(axes, np.concatenate([path.xy for path in paths.values()]))
     spans = np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())
     lines = math.ceil(len(handles) / 2)

@@ -11,8 +11,8 @@ from dataclasses import asdict
 from typing import Any
 
 from locplan._support.checks import check_file_path
-from locplan._support.files import make_folder, shorten_errors
-from locplan._support.reading import open_file, parse_json
+from locplan._support.files import make_folder, translate_write_errors
+from locplan._support.reading import open_plain_file, parse_json
 from locplan._support.saved import decode_tree
 from locplan._support.tables import nan_to_none
 from locplan.comparison.statistics import STATUSES, PlannerRun, RunTask
@@ -51,9 +51,9 @@ class RunJournal:
         self._head = {"format": FORMAT, "version": VERSION, **nan_to_none(settings)}
         self._has_made_folder = not self.path.parent.exists()
         make_folder(self.path.parent)
-        with shorten_errors(self.path):
+        with translate_write_errors(self.path):
             if self.path.exists():
-                open_file(self.path, 2**28).close()
+                open_plain_file(self.path, 2**28).close()
             self._file = self.path.open("a+", encoding="ascii")
         try:
             self._lock()
@@ -68,7 +68,7 @@ class RunJournal:
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         # Closing writes what could not be written before.
-        with shorten_errors(self.path) if error is None else suppress(OSError):
+        with translate_write_errors(self.path) if error is None else suppress(OSError):
             self._file.close()
         if error is not None and not self.runs:
             self.path.unlink(missing_ok=True)
@@ -84,7 +84,7 @@ class RunJournal:
         run : Run
             The run.
         """
-        self._append(nan_to_none(asdict(run)))
+        self._append_line(nan_to_none(asdict(run)))
         self.runs[run.task] = run
 
     def _read(self, force: bool) -> None:
@@ -100,7 +100,7 @@ class RunJournal:
         head = self._parse_head(lines[0]) if lines else None
         if head is None or force:
             self._file.truncate(0)
-            self._append(self._head)
+            self._append_line(self._head)
             return
         self._check_settings(head)
         if torn:
@@ -147,8 +147,8 @@ class RunJournal:
                 f"{self.path}: line {number} is damaged; delete it to repeat its run"
             ) from None
 
-    def _append(self, content: Mapping[str, Any]) -> None:
-        with shorten_errors(self.path):
+    def _append_line(self, content: Mapping[str, Any]) -> None:
+        with translate_write_errors(self.path):
             self._file.write(_dump_line(content) + "\n")
             self._file.flush()
 

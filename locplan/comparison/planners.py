@@ -255,18 +255,18 @@ def _parse_spec(text: str) -> PlannerSpec:
     return PlannerSpec(f"{name}:{squeezed}" if parts else name, planner)
 
 
-def parse_options(text: str, rest: str) -> dict[str, Any]:
+def parse_options(text: str, options_text: str) -> dict[str, Any]:
     """Return the options of a planner from the text NAME=VALUE,NAME=VALUE.
 
     Parameters
     ----------
     text : str
         The planner as it was typed, for errors.
-    rest : str
+    options_text : str
         The options.
     """
     options: dict[str, Any] = {}
-    for part in filter(None, map(str.strip, rest.split(","))):
+    for part in filter(None, map(str.strip, options_text.split(","))):
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals and value):
             raise ConfigError(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from locplan._support.output import ResultFiles
-from locplan._support.records import Column, Result, Table
+from locplan._support.records import Result, Table, TableColumn
 from locplan._support.saved import to_plain_data
 from locplan._support.tables import wrap_lines
 from locplan.comparison import statistics
@@ -126,30 +126,32 @@ def _describe_failure(runs: Sequence[PlannerRun], planner: str) -> str:
     return f"{planner} raises in all {len(notes)} runs, first {notes[0]}"
 
 
-def _make_median_getter(name: str) -> Callable[[PlannerStanding], float]:
-    return lambda standing: standing.contrasts[name].planner_quartiles.median
+def _make_median_getter(measure: str) -> Callable[[PlannerStanding], float]:
+    return lambda standing: standing.contrasts[measure].planner_quartiles.median
 
 
 STANDING_COLUMNS = (
-    Column("map", value=lambda standing: standing.setting.map),
-    Column("config", value=lambda standing: standing.setting.config),
-    Column("weight", "m", value=lambda standing: standing.setting.weight),
-    Column("planner", title="planner", value=lambda standing: standing.summary.planner),
-    Column("success", "", "solved", 0, "%", value=lambda standing: standing.summary.success.value),
-    Column("pairs", "", "n", 0, value=lambda standing: standing.cost.pairs),
-    Column("ratio", "", "ratio\nof J", 3, value=lambda standing: standing.cost.estimate.value),
-    Column("ratio_low", value=lambda standing: standing.cost.estimate.low),
-    Column("ratio_high", value=lambda standing: standing.cost.estimate.high),
-    Column("cost", "m", "J", value=_make_median_getter("cost")),
-    Column(
+    TableColumn("map", value=lambda standing: standing.setting.map),
+    TableColumn("config", value=lambda standing: standing.setting.config),
+    TableColumn("weight", "m", value=lambda standing: standing.setting.weight),
+    TableColumn("planner", title="planner", value=lambda standing: standing.summary.planner),
+    TableColumn(
+        "success", "", "solved", 0, "%", value=lambda standing: standing.summary.success.value
+    ),
+    TableColumn("pairs", "", "n", 0, value=lambda standing: standing.cost.pairs),
+    TableColumn("ratio", "", "ratio\nof J", 3, value=lambda standing: standing.cost.estimate.value),
+    TableColumn("ratio_low", value=lambda standing: standing.cost.estimate.low),
+    TableColumn("ratio_high", value=lambda standing: standing.cost.estimate.high),
+    TableColumn("cost", "m", "J", value=_make_median_getter("cost")),
+    TableColumn(
         "baseline_cost",
         "m",
         "base\nJ",
         value=lambda standing: standing.cost.baseline_quartiles.median,
     ),
-    Column("integrated_u", "m", "∫u", value=_make_median_getter("integrated_u")),
-    Column("seconds", "s", "time", 3, value=_make_median_getter("seconds")),
-    Column("sentence", value=lambda standing: standing.cost.sentence),
+    TableColumn("integrated_u", "m", "∫u", value=_make_median_getter("integrated_u")),
+    TableColumn("seconds", "s", "time", 3, value=_make_median_getter("seconds")),
+    TableColumn("sentence", value=lambda standing: standing.cost.sentence),
 )
 
 

@@ -25,7 +25,7 @@ from locplan.comparison.statistics import MEASURES, PlannerRun, RunTask, group_r
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path as Route
-from locplan.planning.path_check import path_faults
+from locplan.planning.path_check import find_path_faults
 from locplan.planning.plans import check_ends
 from locplan.planning.protocol import Position
 from locplan.planning.results import Plan
@@ -53,19 +53,19 @@ class PlannerJob:
 def make_jobs(
     case: MapCase,
     costs: Costmap,
-    home: Path,
+    costmap_folder: Path,
     specs: Sequence[PlannerSpec],
     weights: Sequence[float],
     seeds: Sequence[int],
 ) -> Iterator[PlannerJob]:
-    """Yield the jobs of a case, whose costmap is in the folder `home`."""
+    """Yield the jobs of a case, whose costmap is in the folder `costmap_folder`."""
     _check_queries(case, costs, {spec.planner.space for spec in specs})
     for weight, query, (planner_index, spec) in itertools.product(
         weights, case.queries, enumerate(specs)
     ):
         for seed in spec.seeds(seeds):
             task = RunTask(case.map, case.config, query.name, weight, spec.label, int(seed))
-            yield PlannerJob(task, home, query.start, query.goal, planner_index)
+            yield PlannerJob(task, costmap_folder, query.start, query.goal, planner_index)
 
 
 def _check_queries(case: MapCase, costs: Costmap, spaces: Iterable[str]) -> None:
@@ -175,12 +175,12 @@ def read_weighted_costmap(folder: Path, weight: float) -> Costmap:
     return costs if costs.weight == weight else costs.with_weight(weight)
 
 
-def perform_job(planner: PlannerSpec, job: PlannerJob, memory: float) -> PlannerRun:
+def perform_job(planner: PlannerSpec, job: PlannerJob, max_bytes: float) -> PlannerRun:
     """Run a job within a memory limit [bytes]; an exception of the planner is a result."""
     began = time.perf_counter()
     try:
         costs = read_weighted_costmap(job.costs, job.task.weight)
-        with limit_memory(memory):
+        with limit_memory(max_bytes):
             result = planner.plan(costs, job.start, job.goal, job.task.seed)
     except MemoryError as error:
         status, note = "out of memory", str(error) or "the planner ran out of memory"
@@ -224,7 +224,7 @@ def find_driving_fault(costs: Costmap, path: Route | None) -> str:
     robot = costs.robot
     if path is None or robot is None or not (robot.outline or robot.kinematics.turning_radius):
         return ""
-    faults = path_faults(costs.grid, path, robot)
+    faults = find_path_faults(costs.grid, path, robot)
     fault_texts = [f"{fault.kind} near {fault.x:.2f},{fault.y:.2f}" for fault in faults]
     return f"{PlannerRun.undrivable_note}: {fault_texts[0]}" if fault_texts else ""
 
@@ -250,18 +250,18 @@ def forbid_core_files() -> None:
 
 
 @contextmanager
-def limit_memory(extra: float) -> Iterator[None]:
+def limit_memory(extra_bytes: float) -> Iterator[None]:
     """Limit the additional memory of this process within a block [bytes], on Linux."""
     used = _measure_data_size()
     try:
         import resource
     except ModuleNotFoundError:
         used = 0  # Windows has no such limits
-    if not used or not math.isfinite(extra):
+    if not used or not math.isfinite(extra_bytes):
         yield
         return
     before = resource.getrlimit(resource.RLIMIT_DATA)
-    soft, hard = used + int(extra), before[1]
+    soft, hard = used + int(extra_bytes), before[1]
     soft = soft if hard == resource.RLIM_INFINITY else min(soft, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     try:

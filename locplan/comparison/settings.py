@@ -25,7 +25,7 @@ from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
-from locplan.planning.queries import check_random, normalize_queries
+from locplan.planning.queries import check_random_query_options, normalize_queries
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class RandomQueries:
     """Seed of the random numbers, >= 0."""
 
     def __post_init__(self) -> None:
-        check_random(self.count, self.seed, self.min_distance)
+        check_random_query_options(self.count, self.seed, self.min_distance)
 
 
 @dataclass(frozen=True)

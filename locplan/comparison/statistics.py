@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.intervals import Interval, compute_wilson_interval
-from locplan._support.records import Column
+from locplan._support.records import TableColumn
 from locplan.errors import LocplanError
 from locplan.field.covariance import DEGENERATE
 from locplan.planning.metrics import METRICS
@@ -50,12 +50,12 @@ Measures that are never 0 have ratios, whose geometric mean weights all queries 
 measures that may be 0, a ratio of sums is defined if any query is above 0, and gives small values
 little weight. Shares have the mean difference.
 """
-MEASURES: Mapping[str, Column] = {
+MEASURES: Mapping[str, TableColumn] = {
     column.name: column
     for column in (
         *(column for column in METRICS if column.name in COMPARED),
-        Column("turning", "rad", "turning"),
-        Column("seconds", "s", "planning time"),
+        TableColumn("turning", "rad", "turning"),
+        TableColumn("seconds", "s", "planning time"),
     )
 }
 """The measures of a solved run by name, with title and unit: compared ones of `PathMetrics`,
@@ -122,7 +122,7 @@ class PlannerRun:
         return self.seconds if name == "seconds" else self.measures.get(name, math.nan)
 
 
-def _get_cell(name: str, run: PlannerRun) -> float | str:
+def _get_column_value(name: str, run: PlannerRun) -> float | str:
     """Return the value of a run in a column of the table of runs."""
     if name in MEASURES:
         return run.measure(name)
@@ -131,11 +131,11 @@ def _get_cell(name: str, run: PlannerRun) -> float | str:
 
 
 RUN_COLUMNS = tuple(
-    dataclasses.replace(column, value=partial(_get_cell, column.name))
+    dataclasses.replace(column, value=partial(_get_column_value, column.name))
     for column in (
-        *(Column(task_field.name) for task_field in dataclasses.fields(RunTask)),
-        *(Column("status"), Column("seconds"), Column("wall_seconds", "s")),
-        *(Column("note"), Column("expanded")),
+        *(TableColumn(task_field.name) for task_field in dataclasses.fields(RunTask)),
+        *(TableColumn("status"), TableColumn("seconds"), TableColumn("wall_seconds", "s")),
+        *(TableColumn("note"), TableColumn("expanded")),
         *(column for name, column in MEASURES.items() if name != "seconds"),
     )
 )
@@ -235,7 +235,7 @@ def setting_from_run(run: PlannerRun, pooled: bool = False) -> RunSetting:
 QueryKey = tuple[RunSetting, str]
 
 
-def query_from_run(run: PlannerRun) -> QueryKey:
+def query_key_from_run(run: PlannerRun) -> QueryKey:
     """Return the setting and the query of a run."""
     return setting_from_run(run), run.task.query
 
@@ -266,7 +266,7 @@ def compute_quartiles(values: Array) -> Quartiles:
 def compute_median_costs(runs: Iterable[PlannerRun]) -> dict[tuple[QueryKey, str], float]:
     """Return the median J over seeds by query and planner [m], for queries with a path."""
     solved = (run for run in runs if math.isfinite(run.measure("cost")))
-    groups = group_records(solved, lambda run: (query_from_run(run), run.task.planner))
+    groups = group_records(solved, lambda run: (query_key_from_run(run), run.task.planner))
     return {
         key: float(np.median([run.measures["cost"] for run in query_runs]))
         for key, query_runs in groups.items()

@@ -37,7 +37,7 @@ LOADING_LIMIT = 600.0
 """Time limit for a worker to load the planners [s]; the first one compiles kernels."""
 
 
-class Workers:
+class WorkerPool:
     """A pool of processes that run planners; as a context manager it ends them all.
 
     At most `count` processes run at once. `Execution` describes `memory` [bytes] and `patience`
@@ -69,7 +69,7 @@ class Workers:
         ]
         self._lock, self._is_closed = threading.Lock(), False
 
-    def __enter__(self) -> Workers:
+    def __enter__(self) -> WorkerPool:
         for thread in self._threads:  # the processes load in the background
             thread.start()
         return self
@@ -99,29 +99,29 @@ class Workers:
             for process in list(self._processes.values()):
                 process.end_if_due()
 
-    def _serve_jobs(self, place: int) -> None:
+    def _serve_jobs(self, worker_number: int) -> None:
         """Pass jobs to a process, and replace the process after it has ended."""
         try:
-            process = self._start(place)
+            process = self._start_worker(worker_number)
             for job in iter(self._jobs.get, None):
                 if not process.is_alive:
-                    process = self._start(place)
+                    process = self._start_worker(worker_number)
                 self._results.put(process.run_job(job, self._limits[job.planner]))
         except Exception as error:
             self._results.put(error)
         finally:
-            if place in self._processes:
-                self._processes[place].close()
+            if worker_number in self._processes:
+                self._processes[worker_number].close()
 
-    def _start(self, place: int) -> _WorkerProcess:
+    def _start_worker(self, worker_number: int) -> _WorkerProcess:
         """Return a new process with the planners loaded."""
         for _ in range(3):
-            if place in self._processes:
-                self._processes[place].close()
+            if worker_number in self._processes:
+                self._processes[worker_number].close()
             with self._lock:
                 if self._is_closed:
                     raise LocplanError("the comparison has ended")
-                self._processes[place] = process = _WorkerProcess(self._scratch)
+                self._processes[worker_number] = process = _WorkerProcess(self._scratch)
             fault = process.request_answer(self._setup_message, LOADING_LIMIT)
             if fault == "":
                 return process
@@ -162,13 +162,13 @@ class _WorkerProcess:
         """True if the process has not ended."""
         return self._process.poll() is None
 
-    def request_answer(self, message: bytes, limit: float) -> Any:
+    def request_answer(self, message: bytes, time_limit: float) -> Any:
         """Return the answer to a pickled message; None if the process ends first.
 
         `end_if_due` ends it after the limit [s].
         """
         jobs, answers = self._pipes
-        self._deadline = time.perf_counter() + limit
+        self._deadline = time.perf_counter() + time_limit
         try:
             jobs.write(message)
             jobs.flush()
@@ -178,13 +178,13 @@ class _WorkerProcess:
         finally:
             self._deadline = math.inf
 
-    def run_job(self, job: PlannerJob, limit: float) -> PlannerRun:
+    def run_job(self, job: PlannerJob, time_limit: float) -> PlannerRun:
         """Return the run of a job, which may take up to the limit [s]."""
         began = time.perf_counter()
-        run: PlannerRun | None = self.request_answer(pickle.dumps(job), limit)
+        run: PlannerRun | None = self.request_answer(pickle.dumps(job), time_limit)
         wall = time.perf_counter() - began
         if run is None:
-            status, note = self._describe_failure(limit)
+            status, note = self._describe_failure(time_limit)
             run = PlannerRun(job.task, status, wall, wall, note=note)
         if run.is_aborted:
             self.end()  # after it ran out of memory, the remaining memory is unknown
@@ -247,7 +247,7 @@ def _pickle_planners(planners: Sequence[PlannerSpec]) -> bytes:
         ) from None
 
 
-def run_worker(parent: int) -> None:
+def run_worker(parent_pid: int) -> None:
     """Perform the jobs from standard input until it is closed.
 
     The first message has the memory limit of a run [bytes] and the planners; the answer is empty,
@@ -260,7 +260,7 @@ def run_worker(parent: int) -> None:
     import cv2
 
     cv2.setNumThreads(1)  # a run is timed on one core
-    end_with_parent(parent)
+    end_with_parent(parent_pid)
     forbid_core_files()
     with suppress(EOFError, OSError):  # the caller has closed the pipe
         memory, pickled = pickle.load(jobs)

@@ -11,7 +11,7 @@ from typing import Any
 
 from locplan._support.checks import check_choice
 from locplan._support.files import PICTURES, check_target
-from locplan._support.output import Output, strip_staging_folder
+from locplan._support.output import ResultOutput, strip_staging_folder
 from locplan._support.progress import show_spinner
 from locplan._support.saved import to_plain_data
 from locplan._support.tables import format_table
@@ -39,7 +39,7 @@ class FieldJob:
     """File of the field (.npz) or of its picture (.png, .pdf, .svg); None to write no file."""
     scalar: str | None = None
     """Scalar that a picture shows; by default the one that the degeneracy is based on."""
-    folder: Output | None = None
+    folder: ResultOutput | None = None
     """The folder for the files of several maps; None if the user named the file."""
     force: bool = False
     """True overwrites files of the same names."""
@@ -55,8 +55,8 @@ class FieldJob:
         check_target(self.output, *([] if self.scalar else [FIELD_SUFFIX]), *PICTURES)
         self._make_output(self.output).check()
 
-    def _make_output(self, file: Path) -> Output:
-        return Output(file, "field", self.force, is_file=True, purposes=PURPOSES)
+    def _make_output(self, file: Path) -> ResultOutput:
+        return ResultOutput(file, "field", self.force, is_file=True, purposes=PURPOSES)
 
     def run(
         self, compute: Callable[[OccupancyGrid], CovarianceField], folder: Path | None = None
@@ -152,7 +152,7 @@ def make_field_jobs(
             )
     suffix = ".png" if scalar else FIELD_SUFFIX
     folder, targets = (
-        Output(output, "fields", force, purposes=PURPOSES),
+        ResultOutput(output, "fields", force, purposes=PURPOSES),
         [f"{name}{suffix}" for name in files_by_name],
     )
     folder.check(*targets)

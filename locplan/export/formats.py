@@ -17,7 +17,7 @@ from locplan.export.registry import (
     ExportOptions,
     ExportSummary,
     FrameOptions,
-    option_field,
+    make_option_field,
 )
 from locplan.robots.parameters import read_parameters
 
@@ -29,7 +29,7 @@ NavPlannerName = Literal["smac2d", "smac-hybrid", "navfn", "thetastar"]
 class MaskOptions(ExportOptions):
     """Options of the Nav2 planner that follows a mask."""
 
-    planner: NavPlannerName | None = option_field(None, flag="nav2-planner")
+    planner: NavPlannerName | None = make_option_field(None, flag="nav2-planner")
     """Planner of Nav2 whose costs become J. By default the first in --robot that follows masks,
     otherwise smac2d up to a million cells and thetastar on larger maps."""
     planner_param: float | None = None
@@ -60,7 +60,7 @@ class Nav2Options(DistroOptions):
 class KeepoutOptions(MaskOptions, Nav2Options):
     """Options of a keepout mask."""
 
-    tree: Path | None = option_field(None, metavar="XML")
+    tree: Path | None = make_option_field(None, metavar="XML")
     """Behaviour tree to copy with the mask's planner."""
 
 
@@ -68,7 +68,7 @@ class KeepoutOptions(MaskOptions, Nav2Options):
 class SpeedOptions(Nav2Options):
     """Options of a speed mask."""
 
-    slowest: float = option_field(DEFAULT_SLOWEST)
+    slowest: float = make_option_field(DEFAULT_SLOWEST)
     """Share of the speed that is left where u is 1."""
     speed_lead: float | None = None
     """Distance before a place at which its speed holds already, in metres; 1 s of driving by
@@ -131,9 +131,9 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
 class RoutesOptions(Nav2Options, FrameOptions):
     """Options of a route graph."""
 
-    graph: Path | None = option_field(None, metavar="FILE")
+    graph: Path | None = make_option_field(None, metavar="FILE")
     """Route graph (GeoJSON) whose edges get our cost, instead of paths."""
-    set_cost: bool = option_field(False)
+    set_cost: bool = make_option_field(False)
     """Write our cost as Nav2's cost of the edges, too."""
 
     def __post_init__(self) -> None:
@@ -144,13 +144,13 @@ class RoutesOptions(Nav2Options, FrameOptions):
             UserGraph.read(self.graph, self.frame)
 
 
-def check_routes(options: RoutesOptions, paths: int) -> None:
+def check_routes(options: RoutesOptions, n_paths: int) -> None:
     """Raise a ConfigError unless there are either paths or a graph to export."""
     if options.set_cost and not options.graph:
         raise ConfigError("--set-cost needs a route graph; add --graph FILE")
-    if options.graph and paths:
+    if options.graph and n_paths:
         raise ConfigError("--graph takes no paths; remove --path, --start and --choice")
-    if not options.graph and not paths:
+    if not options.graph and not n_paths:
         raise ConfigError(
             "--to nav2-routes needs paths; add --path CSV, --choice FOLDER or --graph FILE"
         )

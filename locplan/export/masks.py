@@ -48,7 +48,7 @@ def compute_follower_room(radius: float) -> float:
     return max(MIN_ROOM, radius + FOLLOWER_ROOM)
 
 
-def compute_room_excess(costs: Costmap) -> Floats:
+def compute_follower_room_excess(costs: Costmap) -> Floats:
     """Return the excess of cells in which a path follower lacks room, (H, W) [m per m].
 
     Parameters
@@ -90,7 +90,7 @@ class CostmapInflation:
         return cls(*layer_values) if layer_values else None
 
     @property
-    def steep_variant(self) -> CostmapInflation | None:
+    def steeper_layer(self) -> CostmapInflation | None:
         """The layer with a factor that does not hide a mask; None if the layer is steep enough."""
         if self.inflation.cost_scaling_factor >= STEEP_SCALING_FACTOR:
             return None
@@ -98,7 +98,9 @@ class CostmapInflation:
         return dataclasses.replace(self, inflation=inflation)
 
     @classmethod
-    def for_mask(cls, costs: Costmap, layer: CostmapInflation | None) -> CostmapInflation | None:
+    def choose_for_mask(
+        cls, costs: Costmap, layer: CostmapInflation | None
+    ) -> CostmapInflation | None:
         """Return the inflation to include in a mask; None without one.
 
         Parameters
@@ -351,13 +353,13 @@ def compute_mask_values(
     planner: NavPlanner,
     max_excess: float,
     param: float | None,
-    counted: Bools | None = None,
+    is_counted: Bools | None = None,
 ) -> tuple[NDArray[np.int8], MaskConversion, Bools]:
     """Return mask values that make a planner's costs equal to `density`.
 
     Cells of infinite density have the value -1. By default, the planner's parameter is the lowest
     value that can charge the excess `max_excess`. The last array is True in saturated cells among
-    the `counted` ones, by default among all.
+    the `is_counted` ones, by default among all.
     """
     is_finite = np.isfinite(density)
     excess = density[is_finite] - 1
@@ -380,10 +382,10 @@ def compute_mask_values(
     largest, mean = (float(error.max()), float(error.mean())) if error.size else (0.0, 0.0)
     saturated = np.zeros(density.shape, bool)
     saturated[is_finite] = above
-    counted = is_finite if counted is None else counted & is_finite
-    share = float(saturated[counted].mean()) if counted.any() else 0.0
+    is_counted = is_finite if is_counted is None else is_counted & is_finite
+    share = float(saturated[is_counted].mean()) if is_counted.any() else 0.0
     conversion = MaskConversion(planner, param, float(charged[-1]), share, largest, mean)
-    return values, conversion, saturated & counted
+    return values, conversion, saturated & is_counted
 
 
 def compute_mask_density(costs: Costmap, inflation: CostmapInflation | None = None) -> Floats:
@@ -396,7 +398,7 @@ def compute_mask_density(costs: Costmap, inflation: CostmapInflation | None = No
     inflation : CostmapInflation, optional
         The inflation to include in the mask.
     """
-    density = costs.unblocked_density + compute_room_excess(costs)
+    density = costs.unblocked_density + compute_follower_room_excess(costs)
     if inflation:
         density = density + WALL_EXCESS * np.minimum(inflation.compute_costs(costs.grid) / 252, 1)
     return density

@@ -36,12 +36,17 @@ from locplan.export.parameters import (
 )
 from locplan.export.planned_paths import (
     check_paths,
-    close_gaps,
+    close_narrow_gaps,
     compare_nav2_paths,
     note_narrow_places,
     suggest_inflation,
 )
-from locplan.export.registry import DEFAULT_DISTRO, DEFAULT_LEAD, DEFAULT_SLOWEST, export_folder
+from locplan.export.registry import (
+    DEFAULT_DISTRO,
+    DEFAULT_LEAD,
+    DEFAULT_SLOWEST,
+    create_export_folder,
+)
 from locplan.export.servers import LifecycleNode, write_servers
 from locplan.export.values import compute_speed_mask, drop_costmap_yaw, write_map_values
 from locplan.maps.zones import FILE as ZONES, Zones
@@ -133,13 +138,13 @@ def nav2_keepout(
     planner = planner or robot.select_planner(costs.grid.free.size)
     caveat = find_planner(planner, None).caveat
     layer = CostmapInflation.from_parameters(robot.parameters)
-    inflation = None if caveat else CostmapInflation.for_mask(costs, layer)
+    inflation = None if caveat else CostmapInflation.choose_for_mask(costs, layer)
     values, conversion = compute_keepout_mask(
         costs, planner=planner, inflation=inflation, planner_param=planner_param
     )
     check_paths(costs, paths)
     if not caveat:
-        values, gaps = close_gaps(costs, values, conversion, paths, layer)
+        values, gaps = close_narrow_gaps(costs, values, conversion, paths, layer)
         conversion = dataclasses.replace(conversion, closed_gaps=tuple(gaps))
     masks, lead = {"keepout": values}, costs.robot.kinematics.speed if costs.robot else DEFAULT_LEAD
     if costs.zones.has_kind("slow"):
@@ -347,7 +352,9 @@ def _write_mask(
     shapes = _make_no_go_shapes(unturned.zones) if has_objects else {}
     template_values["shapes"] = len(shapes)
     parameters, template_values["comments"] = make_parameter_files(robot.parameters, merged)
-    with export_folder(folder, "nav2-mask.md", metadata, template_values, force=force) as temporary:
+    with create_export_folder(
+        folder, "nav2-mask.md", metadata, template_values, force=force
+    ) as temporary:
         for name, content in parameters.items():
             (temporary / name).write_bytes(content)
         if planning and planning.tree_text is not None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from locplan._support.checks import check_choice
-from locplan._support.reading import ROS_BOOLEANS, ROS_NUMBER, scalar_text
+from locplan._support.reading import ROS_BOOLEANS, ROS_NUMBER, format_yaml_scalar
 from locplan.errors import LocplanError
 from locplan.export.masks import PLANNERS, MaskConversion
 from locplan.robots.nav2 import read_planner_types
@@ -107,9 +107,11 @@ def describe_differences(before: Any, merged: Any) -> tuple[list[str], list[str]
             if new:
                 added.append(f"{name}: {', '.join(new)}")
         elif old_value is None:
-            added.append(f"{name}: {scalar_text(value)}")
+            added.append(f"{name}: {format_yaml_scalar(value)}")
         elif old_value != value:
-            changed.append(f"{name}: {scalar_text(value)} (was {scalar_text(old_value)})")
+            changed.append(
+                f"{name}: {format_yaml_scalar(value)} (was {format_yaml_scalar(old_value)})"
+            )
     return changed, added
 
 

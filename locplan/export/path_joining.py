@@ -39,7 +39,7 @@ class LineCosts:
     """
 
     def __init__(self, costs: Costmap, side_tolerance: float = 0.0) -> None:
-        from locplan._support.kernels.search import make_bordered_half
+        from locplan._support.kernels.search import make_bordered_half_density
 
         self.resolution = costs.grid.resolution
         self.side_tolerance = side_tolerance * self.resolution
@@ -47,8 +47,8 @@ class LineCosts:
         price = costs.unblocked_density
         priced = np.isfinite(price)
         self.density = np.where(priced, price, price[priced].max(initial=1.0))
-        self.price = make_bordered_half(self.density, 1)
-        self.blocked = make_bordered_half(np.where(np.isfinite(costs.density), 0.0, 1.0), 1)
+        self.price = make_bordered_half_density(self.density, 1)
+        self.blocked = make_bordered_half_density(np.where(np.isfinite(costs.density), 0.0, 1.0), 1)
 
     def compute_costs(self, xy: Positions, pairs: Pairs) -> Floats:
         """Return J of the lines between pairs of positions [m]; infinite through blocked cells."""
@@ -76,12 +76,12 @@ class LineCosts:
 
     def integrate_layer(self, layer: Floats, xy: Positions, pairs: Pairs) -> Floats:
         """Return the integral of a layer along lines between positions; NaN without a layer."""
-        from locplan._support.kernels.search import make_bordered_half
+        from locplan._support.kernels.search import make_bordered_half_density
         from locplan.export.kernels.route import line_costs
 
         if np.isnan(layer).all():
             return np.full(len(pairs), np.nan)
-        half = make_bordered_half(np.nan_to_num(layer), 1)
+        half = make_bordered_half_density(np.nan_to_num(layer), 1)
         return np.asarray(line_costs(half, *self.frame, xy, pairs)) * self.resolution
 
     def compute_polyline_costs(self, xy: Positions) -> Floats:
@@ -109,37 +109,37 @@ def join_paths(lines: LineCosts, paths: Mapping[str, Path]) -> tuple[Positions, 
 
 
 def _reuse_route(
-    lines: LineCosts, nodes: Positions, route: list[int], other: Sequence[int]
+    lines: LineCosts, nodes: Positions, route: list[int], other_route: Sequence[int]
 ) -> list[int]:
     """Return the route, changed to another one between common nodes if that is close and cheap.
 
     A graph has one cheapest route between two nodes, so different routes would contradict each
     other.
     """
-    common = [node for node in route if node in other]
+    common = [node for node in route if node in other_route]
     if len(common) < 2:
         return route
     (a, b), (i, j) = (
-        [node_list.index(common[k]) for k in (0, -1)] for node_list in (route, list(other))
+        [node_list.index(common[k]) for k in (0, -1)] for node_list in (route, list(other_route))
     )
     route_part, other_part = (
         route[a : b + 1],
-        list(other[i : j + 1] if i < j else other[j : i + 1][::-1]),
+        list(other_route[i : j + 1] if i < j else other_route[j : i + 1][::-1]),
     )
     limit = MAX_COST_RATIO * lines.compute_polyline_costs(nodes[route_part]).sum()
     if (
         route_part == other_part
         or lines.compute_polyline_costs(nodes[other_part]).sum() > limit
-        or are_apart(nodes, route_part, other_part)
+        or are_routes_apart(nodes, route_part, other_part)
     ):
         return route
     return _remove_loops(route[:a] + other_part + route[b + 1 :])
 
 
-def are_apart(nodes: Positions, route: Sequence[int], other: Sequence[int]) -> bool:
+def are_routes_apart(nodes: Positions, route: Sequence[int], other_route: Sequence[int]) -> bool:
     """True if two routes are too far apart to be merged."""
     first_xy, second_xy = (
-        Path(nodes[list(node_list)]).resample(JOIN_SPACING).xy for node_list in (route, other)
+        Path(nodes[list(node_list)]).resample(JOIN_SPACING).xy for node_list in (route, other_route)
     )
     distances = np.hypot(*(first_xy[:, None] - second_xy[None]).transpose(2, 0, 1))
     return bool(max(distances.min(axis=0).max(), distances.min(axis=1).max()) > MAX_LANE_DISTANCE)
@@ -238,7 +238,7 @@ def straighten_routes(
         replaced_nodes += replaced.get(frozenset((node, second)), [])
         if (
             second in neighbours[first]
-            or _measure_offset(nodes[[first, second]], nodes[replaced_nodes]) > JOIN_SPACING
+            or _measure_max_offset(nodes[[first, second]], nodes[replaced_nodes]) > JOIN_SPACING
         ):
             continue
         pairs = np.array([(first, node), (node, second), (first, second)])
@@ -256,7 +256,7 @@ def straighten_routes(
     return nodes[left], shorter_routes
 
 
-def _measure_offset(ends: Positions, xy: Positions) -> Any:
+def _measure_max_offset(ends: Positions, xy: Positions) -> Any:
     """Return the maximum distance of positions from the line between two ends."""
     along = ends[1] - ends[0]
     offsets = xy - ends[0]
@@ -267,16 +267,16 @@ def _measure_offset(ends: Positions, xy: Positions) -> Any:
 def adjust_edge_costs(
     nodes: Floats,
     edges: Pairs,
-    price: Floats,
+    true_costs: Floats,
     min_costs: Floats,
     routes: list[list[int]],
-    worth: Floats,
+    priorities: Floats,
 ) -> tuple[Floats, list[bool]]:
     """Return costs of edges that make routes the cheapest, and for each route if it is.
 
     The sum of the changes is minimal. If routes contradict each other, such as two routes between
     the same nodes, the costs follow the ones with the higher priority. A cheapest route that is
-    not `are_apart` from a recommended one counts as the same.
+    not `are_routes_apart` from a recommended one counts as the same.
 
     Parameters
     ----------
@@ -284,11 +284,11 @@ def adjust_edge_costs(
         World positions [m].
     edges : (m, 2) array of int
         Pairs of nodes, from the first to the second.
-    price, min_costs : (m,) arrays
+    true_costs, min_costs : (m,) arrays
         The true costs of the edges, and the lower bounds of the adjusted costs.
     routes : sequence of sequences of int
         The nodes of each route.
-    worth : (routes,) array
+    priorities : (routes,) array
         Priority of each route, in changed costs, if not all can be followed.
     """
     index = {(i, j): n for n, (i, j) in enumerate(edges.tolist())}
@@ -300,7 +300,7 @@ def adjust_edge_costs(
             row[[index[two] for two in pairwise(route)]] = 1
         return used
 
-    cost, used = price, mark_edges(routes)
+    cost, used = true_costs, mark_edges(routes)
     excess, route_numbers = (
         np.empty((0, len(edges))),
         np.empty(0, int),
@@ -309,7 +309,7 @@ def adjust_edge_costs(
         deviating_routes = {
             n: deviating_route
             for n, deviating_route in enumerate(_find_cheapest_routes(edges, cost, used, routes))
-            if are_apart(nodes, routes[n], deviating_route)
+            if are_routes_apart(nodes, routes[n], deviating_route)
         }
         numbers = np.array(list(deviating_routes), int)
         extra_edges = used[numbers] - mark_edges([*deviating_routes.values()])
@@ -320,20 +320,20 @@ def adjust_edge_costs(
             np.concatenate([route_numbers, numbers]),
             np.vstack([excess, extra_edges]),
         )
-        cost = _solve_costs(price, min_costs, excess, route_numbers, worth)
+        cost = _solve_edge_costs(true_costs, min_costs, excess, route_numbers, priorities)
     return cost, [n not in deviating_routes for n in range(len(routes))]
 
 
 def _find_cheapest_routes(
-    edges: Pairs, cost: Floats, used: Floats, routes: Sequence[Sequence[int]]
+    edges: Pairs, edge_costs: Floats, is_on_route: Floats, routes: Sequence[Sequence[int]]
 ) -> Iterator[list[int]]:
     """Yield the nodes of the cheapest route between the ends of each recommended route."""
     from scipy.sparse import csr_array
 
     count = int(edges.max()) + 1
-    for route, route_edges in zip(routes, used, strict=True):
+    for route, route_edges in zip(routes, is_on_route, strict=True):
         costlier = (
-            cost + route_edges * MIN_COST_MARGIN / 2 / route_edges.sum()
+            edge_costs + route_edges * MIN_COST_MARGIN / 2 / route_edges.sum()
         )  # a tie would be followed only by chance
         graph = csr_array((costlier, edges.T), shape=(count, count))
         yield _find_cheapest_route(graph, route[0], route[-1])
@@ -350,10 +350,14 @@ def _find_cheapest_route(graph: Any, start: int, goal: int, directed: bool = Tru
     return route[::-1]
 
 
-def _solve_costs(
-    price: Floats, min_costs: Floats, excess: Floats, route_numbers: Ints, weights: Floats
+def _solve_edge_costs(
+    true_costs: Floats,
+    min_costs: Floats,
+    route_excess: Floats,
+    route_numbers: Ints,
+    weights: Floats,
 ) -> Floats:
-    """Return the costs closest to `price` with ``excess @ cost <= -MIN_COST_MARGIN``.
+    """Return the costs closest to `true_costs` with ``excess @ cost <= -MIN_COST_MARGIN``.
 
     The unknowns are the costs, their changes, and how far each route misses its margin, which is
     above 0 only for contradicting routes.
@@ -361,14 +365,14 @@ def _solve_costs(
     from scipy.optimize import linprog
     from scipy.sparse import block_array, csr_array, eye_array
 
-    edges, identity = len(price), eye_array(len(price))
+    edges, identity = len(true_costs), eye_array(len(true_costs))
     missed = csr_array((route_numbers[:, None] == np.arange(len(weights))).astype(float))
     changes = [[identity, -identity, None], [-identity, -identity, None]]
-    limits = block_array([[csr_array(excess), None, -missed], *changes])
+    limits = block_array([[csr_array(route_excess), None, -missed], *changes])
     solution = linprog(
         np.concatenate([np.zeros(edges), np.ones(edges), weights]),
         limits,
-        np.concatenate([np.full(len(route_numbers), -MIN_COST_MARGIN), price, -price]),
+        np.concatenate([np.full(len(route_numbers), -MIN_COST_MARGIN), true_costs, -true_costs]),
         bounds=[(low, None) for low in min_costs] + [(0, None)] * (edges + len(weights)),
     )
     return np.asarray(np.maximum(solution.x[:edges], min_costs))

@@ -60,7 +60,7 @@ def simulate_nav2_planner(
     planner: NavPlanner,
     param: float,
     grid: OccupancyGrid,
-    cost: Floats,
+    costmap_costs: Floats,
     start: Position,
     goal: Position,
 ) -> Path | None:
@@ -69,8 +69,8 @@ def simulate_nav2_planner(
     The path is the cheapest by the planner's formula, over neighbouring cells for Smac and at any
     angle for Theta*, and not smoothed.
     """
-    density = 1 + planner.compute_excess(np.minimum(cost, 252), param)
-    density[cost >= INSCRIBED] = np.inf
+    density = 1 + planner.compute_excess(np.minimum(costmap_costs, 252), param)
+    density[costmap_costs >= INSCRIBED] = np.inf
     costs = Costmap.from_density(grid, density)
     if planner.any_angle:
         return plan(costs, start, goal, planner="any-angle").path
@@ -121,7 +121,7 @@ def suggest_inflation(
     The advice names the drawback: obstacles that the sensors see inflate less. It is empty if a
     steeper inflation does not help.
     """
-    steeper, planner = layer.steep_variant, conversion.planner
+    steeper, planner = layer.steeper_layer, conversion.planner
     if steeper is None:
         return ""
     cost = compute_costmap_costs(costs.grid, values, steeper)
@@ -162,12 +162,12 @@ def suggest_inflation(
 
 
 def compare_nav2_path(
-    costs: Costmap, cost: Floats, planner: NavPlanner, param: float, name: str, path: Path
+    costs: Costmap, costmap_costs: Floats, planner: NavPlanner, param: float, name: str, path: Path
 ) -> PlannedPath:
     """Return the path that a planner takes between the ends of a recommended path, compared."""
     free, nav2_path = (
         ignore_robot_radius(costs),
-        plan_between_ends(costs, cost, planner, param, path),
+        plan_between_ends(costs, costmap_costs, planner, param, path),
     )
     if nav2_path is None:
         return PlannedPath(name, planner.name, math.nan, math.nan, math.nan)
@@ -182,22 +182,22 @@ def compare_nav2_path(
         float(clearance.min()),
         narrowest,
         room,
-        max(1.0, compute_roomy_cost(costs, path) / recommended),
+        max(1.0, compute_cost_with_follower_room(costs, path) / recommended),
     )
 
 
 def plan_between_ends(
-    costs: Costmap, cost: Floats, planner: NavPlanner, param: float, path: Path
+    costs: Costmap, costmap_costs: Floats, planner: NavPlanner, param: float, path: Path
 ) -> Path | None:
     """Return the path of a planner between the ends of another path; None without a path."""
     ends: tuple[Position, Position] = tuple(map(tuple, path.xy[[0, -1]]))  # type: ignore[assignment]
     try:
-        return simulate_nav2_planner(planner, param, costs.grid, cost, *ends)
+        return simulate_nav2_planner(planner, param, costs.grid, costmap_costs, *ends)
     except PoseError:  # an end is too close to a wall for Nav2's footprint
         return None
 
 
-def compute_roomy_cost(costs: Costmap, path: Path) -> float:
+def compute_cost_with_follower_room(costs: Costmap, path: Path) -> float:
     """Return J of the best path with room for a follower between the ends of another path.
 
     The recommended path may pass places where a follower stops. Without such a path, J is 0.
@@ -247,7 +247,7 @@ Gap = tuple[float, float, float]
 """Position and wall distance of a gap [m]."""
 
 
-def close_gaps(
+def close_narrow_gaps(
     costs: Costmap,
     values: NDArray[np.int8],
     conversion: MaskConversion,
@@ -343,7 +343,7 @@ class _PlannerTrial:
         self.shortfall = float((np.maximum(lacking, 0) ** 2).sum())
 
 
-def _is_gap(costs: Costmap, xy: Floats, at: tuple[float, float], clearance: float) -> bool:
+def _is_gap(costs: Costmap, xy: Floats, place: tuple[float, float], clearance: float) -> bool:
     """True if the walls on both sides of a place are too close for a follower.
 
     A path that passes close to a corner has room on the other side, so it is no gap.
@@ -351,14 +351,14 @@ def _is_gap(costs: Costmap, xy: Floats, at: tuple[float, float], clearance: floa
     grid, room = costs.grid, compute_follower_room(costs.robot_radius)
     if not clearance < room:
         return False
-    index = int(np.argmin(np.hypot(*(xy - at).T)))
+    index = int(np.argmin(np.hypot(*(xy - place).T)))
     ahead, behind = xy[min(index + 2, len(xy) - 1)], xy[max(index - 2, 0)]
     along = (ahead - behind) / max(float(np.hypot(*(ahead - behind))), 1e-9)
     across = np.array([-along[1], along[0]])
     offsets = np.arange(0, 2 * room + grid.resolution, grid.resolution / 2)
     width = 0.0
     for side in (across, -across):
-        rows, cols = grid.world_to_grid(*(np.array(at) + offsets[:, None] * side).T)
+        rows, cols = grid.world_to_grid(*(np.array(place) + offsets[:, None] * side).T)
         rows = np.clip(rows.astype(int), 0, grid.shape[0] - 1)
         cols = np.clip(cols.astype(int), 0, grid.shape[1] - 1)
         blocked = np.flatnonzero(~grid.free[rows, cols])

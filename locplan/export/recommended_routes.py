@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.records import Column, Table
+from locplan._support.records import Table, TableColumn
 from locplan.errors import ConfigError
 from locplan.export.parameters import Nav2Robot, ParameterFiles
 from locplan.export.path_joining import (
@@ -21,7 +21,12 @@ from locplan.export.path_joining import (
     straighten_routes,
     subdivide_path,
 )
-from locplan.export.registry import DEFAULT_DISTRO, DEFAULT_FRAME, ExportSummary, export_folder
+from locplan.export.registry import (
+    DEFAULT_DISTRO,
+    DEFAULT_FRAME,
+    ExportSummary,
+    create_export_folder,
+)
 from locplan.export.route_graph import (
     MAX_PRECISION_STEP,
     SCORERS,
@@ -220,7 +225,7 @@ def nav2_routes(
         "costs": costs,
     }
     template_values |= {"nodes": routes.graph.nodes, "ends": (1, 2)}
-    with export_folder(
+    with create_export_folder(
         folder, "nav2-routes.md", metadata, template_values, force=force
     ) as temporary:
         count = len(routes.routes)
@@ -246,6 +251,6 @@ def _make_query_table(routes: RecommendedRoutes) -> Table:
         cost = round(float(sum(matrix[two] for two in pairwise(route))), 3)
         followed = "yes" if name in routes.followed_queries else "no"
         rows.append((name, route[0] + 1, route[-1] + 1, cost, followed))
-    ends = Column("query"), Column("start_id"), Column("goal_id")
-    columns = *ends, Column("cost", "m"), Column("followed")
+    ends = TableColumn("query"), TableColumn("start_id"), TableColumn("goal_id")
+    columns = *ends, TableColumn("cost", "m"), TableColumn("followed")
     return Table(columns, tuple(rows))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from locplan._support.files import check_target
-from locplan._support.output import Output
+from locplan._support.output import ResultOutput
 from locplan._support.public import load_templates
 from locplan.errors import ConfigError
 
@@ -158,7 +158,7 @@ class ExportSummary:
     """The same for people: a label and a text each."""
 
 
-def option_field(default: Any, *, flag: str = "", metavar: str = "") -> Any:
+def make_option_field(default: Any, *, flag: str = "", metavar: str = "") -> Any:
     """Return a dataclass field that is also an option of the command `export`.
 
     The option's help is the first sentence of the docstring below the field.
@@ -188,7 +188,7 @@ class ExportOptions:
 class FrameOptions(ExportOptions):
     """Options of a format with coordinates."""
 
-    frame: str = option_field(DEFAULT_FRAME)
+    frame: str = make_option_field(DEFAULT_FRAME)
     """Frame of the coordinates."""
 
 
@@ -196,7 +196,7 @@ class FrameOptions(ExportOptions):
 class DistroOptions(ExportOptions):
     """Options of a format that depends on the robot's distribution of ROS 2."""
 
-    distro: Distro = option_field(DEFAULT_DISTRO)
+    distro: Distro = make_option_field(DEFAULT_DISTRO)
     """Distribution of ROS 2."""
 
 
@@ -253,9 +253,11 @@ class ExportFormat:
         with self._output(target, force=job.force).writing() as file:
             return self.write(file, job, options)
 
-    def _output(self, target: Path, *, force: bool) -> Output:
+    def _output(self, target: Path, *, force: bool) -> ResultOutput:
         purposes = {"*": self.purpose}
-        return Output(target, self.name, force, is_file=bool(self.suffixes), purposes=purposes)
+        return ResultOutput(
+            target, self.name, force, is_file=bool(self.suffixes), purposes=purposes
+        )
 
 
 def list_formats() -> dict[str, ExportFormat]:
@@ -266,7 +268,7 @@ def list_formats() -> dict[str, ExportFormat]:
 
 
 @contextmanager
-def export_folder(
+def create_export_folder(
     target: str | Path,
     readme: str,
     metadata: Mapping[str, Any],
@@ -280,7 +282,7 @@ def export_folder(
     The folder gets export.json with `metadata`, and README.md: the template `readme` filled with
     `template_values`. `purposes` has the purpose of each file by name, the most useful first.
     """
-    with Output(Path(target), metadata["kind"], force, purposes=purposes).writing() as folder:
+    with ResultOutput(Path(target), metadata["kind"], force, purposes=purposes).writing() as folder:
         yield folder
         (folder / "README.md").write_text(render_template(readme, template_values), "utf-8")
         text = json.dumps(metadata, indent=2, allow_nan=False)

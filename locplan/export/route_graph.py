@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.tables import make_collection, make_feature, write_geojson
+from locplan._support.tables import make_geojson_collection, make_geojson_feature, write_geojson
 from locplan.errors import ConfigError
 from locplan.export.parameters import Nav2Robot, make_parameter_files
 from locplan.export.registry import DEFAULT_FRAME
@@ -77,13 +77,13 @@ def make_graph_space(costs: Costmap) -> GraphSpace:
     ConfigError
         If the map is too far from the world's origin for Nav2's single precision.
     """
-    from locplan._support.kernels.search import make_bordered_half
+    from locplan._support.kernels.search import make_bordered_half_density
 
     grid = costs.grid
     check_precision(grid)
     x, y, yaw = grid.origin
     frame = math.cos(yaw) / grid.resolution, math.sin(yaw) / grid.resolution, x, y
-    return make_bordered_half(costs.density, 1), grid.shape[1] + 2, frame
+    return make_bordered_half_density(costs.density, 1), grid.shape[1] + 2, frame
 
 
 def check_precision(grid: OccupancyGrid) -> None:
@@ -140,7 +140,9 @@ def graph_to_geojson(graph: RouteGraph, frame: str = DEFAULT_FRAME) -> dict[str,
             " paths"
         )
     xy = graph.nodes.tolist()
-    features = [make_feature("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, 1)]
+    features = [
+        make_geojson_feature("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, 1)
+    ]
     names = ("length", "integrated_e", "integrated_u", "penalty")
     values = np.column_stack([getattr(graph, name) for name in names]).tolist()
     for edge, (start, end) in enumerate(graph.edges.tolist()):
@@ -154,9 +156,9 @@ def graph_to_geojson(graph: RouteGraph, frame: str = DEFAULT_FRAME) -> dict[str,
         properties |= {
             "metadata": {name: value for name, value in edge_values if math.isfinite(value)}
         }
-        features.append(make_feature("LineString", [xy[start], xy[end]], properties))
+        features.append(make_geojson_feature("LineString", [xy[start], xy[end]], properties))
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}
-    return make_collection("graph", features, crs=crs)
+    return make_geojson_collection("graph", features, crs=crs)
 
 
 def write_graph(

@@ -22,10 +22,15 @@ from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.export.parameters import Nav2Robot, ParameterFiles
 from locplan.export.path_joining import LineCosts
-from locplan.export.registry import DEFAULT_DISTRO, DEFAULT_FRAME, ExportSummary, export_folder
+from locplan.export.registry import (
+    DEFAULT_DISTRO,
+    DEFAULT_FRAME,
+    ExportSummary,
+    create_export_folder,
+)
 from locplan.export.route_graph import MAX_ID, RouteGraph, save_graph_preview, write_graph
 from locplan.export.values import drop_costmap_yaw
-from locplan.maps.grid import extent_text
+from locplan.maps.grid import format_extent
 from locplan.planning.costmap import Costmap, summarize_costs
 
 COST_TAG = "localization"
@@ -176,7 +181,7 @@ def measure_graph(
     if len(outside):
         raise ConfigError(
             f"{_format_ids('node', [graph.node_ids[n] for n in outside])} outside the map, which"
-            f" reaches from {extent_text(grid)}; check the frame and the unit of the graph, or"
+            f" reaches from {format_extent(grid)}; check the frame and the unit of the graph, or"
             " remove them"
         )
     lines, walls = LineCosts(costs), LineCosts(Costmap.blank(grid, robot=0.0))
@@ -258,7 +263,7 @@ def nav2_graph(
         "set_cost": set_cost,
     }
     template_values |= {"edges": len(user_graph.edges), "fixed": fixed}
-    with export_folder(
+    with create_export_folder(
         folder, "nav2-graph.md", metadata, template_values, force=force
     ) as temporary:
         document = user_graph.with_costs(measured.cost, set_cost=set_cost)

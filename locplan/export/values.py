@@ -16,7 +16,7 @@ from locplan._support.checks import check_number
 from locplan._support.kernels.arrays import Floats
 from locplan._support.reading import dump_yaml
 from locplan.errors import ConfigError
-from locplan.export.registry import check_has_field, export_folder
+from locplan.export.registry import check_has_field, create_export_folder
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones
 from locplan.planning.costmap import Costmap, summarize_costs
@@ -144,7 +144,7 @@ def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
     grid = drop_yaw(costs.grid)
     purposes = {"README.md": "how to use it", "*.yaml": "u in per cent, as a map of ROS"}
     name = grid.name or "a map"
-    with export_folder(
+    with create_export_folder(
         folder, "ros-map.md", metadata, {"map": name}, purposes=purposes, force=force
     ) as temporary:
         write_map_values(temporary / "raw", values, grid)

@@ -106,9 +106,9 @@ class LidarEstimator(Estimator):
         return len(self._beams.places)
 
     @property
-    def beam_numbers(self) -> Ints:
+    def nearest_beam_indices(self) -> Ints:
         """Indices of a real lidar's beams that are nearest to the simulated ones, (n,)."""
-        return self._beams.nearest_beam_numbers(self.lidar)
+        return self._beams.find_nearest_beam_indices(self.lidar)
 
     @property
     def temperature(self) -> float:
@@ -138,7 +138,7 @@ class LidarEstimator(Estimator):
 
     def beams(self) -> Any:
         """Return the simulated lidar with the beams that count, as the kernels take it."""
-        angles, yaw = self._beams.angles_and_yaw(self.lidar)
+        angles, yaw = self._beams.compute_angles_and_yaw(self.lidar)
         return self.lidar.to_kernel_settings()._replace(angles=angles, yaw=yaw)
 
 
@@ -189,13 +189,13 @@ class ComparedBeams:
         middle = math.floor(lidar.mount_yaw_deg / pitch)  # of a view that is narrower than a pitch
         return cls(pitch, places if places.size else np.array([middle]), False)
 
-    def angles_and_yaw(self, lidar: Lidar) -> tuple[Floats, float]:
+    def compute_angles_and_yaw(self, lidar: Lidar) -> tuple[Floats, float]:
         """Return the beams' angles (n,) from an axis, and the axis' angle on the robot [rad]."""
         if self.are_lidar_beams:
             return lidar.angles, lidar.mount_yaw
         return np.radians((self.places + 0.5) * self.pitch_deg), 0.0
 
-    def nearest_beam_numbers(self, lidar: Lidar) -> Ints:
+    def find_nearest_beam_indices(self, lidar: Lidar) -> Ints:
         """Return the sorted indices of the lidar's beams that are nearest to these."""
         if self.are_lidar_beams:
             return self.places
@@ -206,7 +206,7 @@ class ComparedBeams:
             return np.unique(numbers % lidar.beams)
         return np.unique(np.clip(numbers, 0, lidar.beams - 1))
 
-    def compute_symmetry_places(self, lidar: Lidar) -> Ints:
+    def number_symmetric_beams(self, lidar: Lidar) -> Ints:
         """Return the places of the beams from an axis, 1 next to it; symmetric beams share one.
 
         The axis is the middle of the lidar's beams, or the robot's axis. For a lidar that sees all
@@ -265,7 +265,7 @@ def find_surface_normals(occupied: Bools) -> Singles:
     return normals
 
 
-def find_wall_cells(occupied: Bools) -> Octets:
+def find_wall_surface_cells(occupied: Bools) -> Octets:
     """Mark the occupied cells that have one of their 8 neighbours not occupied.
 
     Parameters

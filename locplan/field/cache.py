@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from locplan._support.arrays import read_arrays
 from locplan._support.checks import check_file_path, short_repr
-from locplan._support.output import clear_abandoned, temporary_folder
+from locplan._support.output import clear_abandoned_folders, temporary_folder
 from locplan._support.reading import MAX_JSON_BYTES, parse_json
 from locplan._support.saved import TREE_NAME
 from locplan._support.tables import format_age, format_bytes, format_table
@@ -146,7 +146,7 @@ def _is_saved(path: Path, result: T, save: Callable[[Path, T], None]) -> bool:
 
 
 @contextmanager
-def _hold_lock(path: Path, waiting: Callable[[], None]) -> Iterator[bool]:
+def _hold_lock(path: Path, on_waiting: Callable[[], None]) -> Iterator[bool]:
     """Wait until no process computes this result; yield True if the cache can be written."""
     from filelock import Timeout
 
@@ -157,7 +157,7 @@ def _hold_lock(path: Path, waiting: Callable[[], None]) -> Iterator[bool]:
             try:
                 lock.acquire(timeout=_PATIENCE)
             except Timeout:
-                waiting()
+                on_waiting()
     except (OSError, NotImplementedError) as error:  # the latter where a file system has no locks
         lock = None
         reason = getattr(error, "strerror", None) or error
@@ -316,16 +316,16 @@ def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list
     for cached_result in list_cache_entries(folder):
         if time.time() - cached_result.used >= days * 86400.0:
             (removed if remove_entry(cached_result.path) else busy).append(cached_result)
-    clear_abandoned(folder)
+    clear_abandoned_folders(folder)
     return removed, busy
 
 
-def evict_results(folder: Path, limit: int, keep: Path) -> None:
-    """Remove the least recently used results, but not `keep`, down to the limit [bytes]."""
+def evict_results(folder: Path, limit: int, kept_path: Path) -> None:
+    """Remove the least recently used results, but not `kept_path`, down to the limit [bytes]."""
     cached_results = list_cache_entries(folder)
     total = sum(cached_result.size for cached_result in cached_results)
     for cached_result in reversed(cached_results):
-        if total > limit and cached_result.path != keep:
+        if total > limit and cached_result.path != kept_path:
             with suppress(LocplanError):  # one that cannot be removed is skipped
                 total -= cached_result.size if remove_entry(cached_result.path) else 0
 

@@ -24,7 +24,7 @@ from locplan.maps.grid import OccupancyGrid
 _Points = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
-def find_standing_cells(
+def find_lidar_cells(
     free: Bools, rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return cells to put a lidar on: each cell, or the nearest free one within `reach` cells.
@@ -43,7 +43,7 @@ def find_standing_cells(
     return rows, cols
 
 
-def fill_chunks(
+def compute_missing_chunks(
     values: Values,
     grid: OccupancyGrid,
     config: FieldConfig,
@@ -90,7 +90,7 @@ def compute_chunks(
     estimator = config.estimator
     if not total:
         return
-    tiles.check_tiles(grid, config)
+    tiles.check_tile_memory(grid, config)
     running: dict[Future[Values], tuple[Chunk, _Points, MapPart]] = {}
     waiting = iterate_chunks(missing, compute_chunk_edge(config, grid.resolution))
     # Threads of this process share what the estimator prepares from the whole map.
@@ -105,7 +105,7 @@ def compute_chunks(
                 i, j = np.nonzero(missing[chunk])
                 points = i + chunk[0].start, j + chunk[1].start
                 part = make_map_part(grid, config, points, prepared)
-                with _one_line_errors(executor):
+                with _translate_executor_errors(executor):
                     tile = pool.submit(compute, tiles.ENGINE, estimator, part)
                 running[tile] = chunk, points, part
             if not running:
@@ -113,7 +113,7 @@ def compute_chunks(
             wait(running, 0.2, FIRST_COMPLETED)
             for ready in [*filter(Future.done, running)]:  # in the map's order
                 chunk, points, part = running.pop(ready)
-                with _one_line_errors(executor):
+                with _translate_executor_errors(executor):
                     computed = ready.result()
                 check_values(computed, estimator, part)
                 # The first tile alone shows whether the halo of a user's estimator suffices.
@@ -152,7 +152,7 @@ def make_map_part(
     stride = config.stride_cells(grid.resolution)
     rows, cols = (index * stride for index in points)
     if config.estimator.casts_rays:
-        rows, cols = find_standing_cells(grid.free, rows, cols, stride)
+        rows, cols = find_lidar_cells(grid.free, rows, cols, stride)
     levels, top, left = grid.cells, 0, 0
     if prepared is None:
         reach = read_halo(config.estimator, grid.resolution, grid.shape)
@@ -163,7 +163,7 @@ def make_map_part(
 
 
 @contextmanager
-def _one_line_errors(executor: Executor | None) -> Iterator[None]:
+def _translate_executor_errors(executor: Executor | None) -> Iterator[None]:
     """Turn any failure of a user's executor into an error of one line."""
     try:
         yield

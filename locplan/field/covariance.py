@@ -17,7 +17,7 @@ from locplan.field.search_window import OffsetLattice
 from locplan.maps.occupancy import FREE
 
 
-class Quantity(NamedTuple):
+class QuantityLabel(NamedTuple):
     """Label and unit of a scalar or a layer of a field, for pictures and tables."""
 
     label: str
@@ -32,10 +32,10 @@ class Quantity(NamedTuple):
 
 
 SCALARS = {
-    "e": Quantity("pose uncertainty e", "m² rad"),
-    "position_std": Quantity("largest position std. deviation", "cm", 100.0),
-    "position_rms": Quantity("rms position deviation", "cm", 100.0),
-    "heading_std": Quantity("heading std. deviation", "deg", 180.0 / np.pi),
+    "e": QuantityLabel("pose uncertainty e", "m² rad"),
+    "position_std": QuantityLabel("largest position std. deviation", "cm", 100.0),
+    "position_rms": QuantityLabel("rms position deviation", "cm", 100.0),
+    "heading_std": QuantityLabel("heading std. deviation", "deg", 180.0 / np.pi),
 }
 """Label and shown unit of each scalar of a covariance by name, see `scalar`."""
 
@@ -168,13 +168,13 @@ def compute_anchors(estimator: Estimator, window: OffsetLattice, name: str) -> t
     return float(scalar(perfect, name)), float(scalar(featureless, name))
 
 
-def find_quantity(estimator: Estimator, e_unit: str, name: str | None) -> Quantity:
+def find_quantity(estimator: Estimator, e_unit: str, name: str | None) -> QuantityLabel:
     """Return label and unit of a scalar or of a layer, see `CovarianceField.quantity`."""
     name = name or estimator.criterion
     if name == "e":
-        return Quantity(SCALARS["e"].label, e_unit)
+        return QuantityLabel(SCALARS["e"].label, e_unit)
     layers = {layer.name: layer for layer in estimator.layers}
-    return Quantity(layers[name].label, layers[name].unit) if name in layers else SCALARS[name]
+    return QuantityLabel(layers[name].label, layers[name].unit) if name in layers else SCALARS[name]
 
 
 TOLERANCE, MIN_ROUNDING = 1e-6, 1e-9
@@ -265,10 +265,10 @@ def _check_array(
     _raise_if_any(lost, f"a {name} that is not finite", estimator, part)
 
 
-def _raise_if_any(bad: Bools, defect: str, estimator: Estimator, part: MapPart) -> None:
+def _raise_if_any(is_bad: Bools, defect: str, estimator: Estimator, part: MapPart) -> None:
     """Raise a FieldError that names the first bad place, if there is one."""
-    if bad.any():
-        cell_text = _format_cell(part, np.argwhere(bad)[0][0])
+    if is_bad.any():
+        cell_text = _format_cell(part, np.argwhere(is_bad)[0][0])
         raise _make_estimator_error(
             estimator, f"{cell_text} has {defect}; correct covariances() there"
         )
@@ -290,12 +290,12 @@ def _quote_names(names: Iterable[str]) -> str:
 
 
 def _isolate_cell(
-    estimator: Estimator, part: MapPart, at: int, halo: int, levels: Octets
+    estimator: Estimator, part: MapPart, cell_index: int, halo: int, levels: Octets
 ) -> MapPart:
     """Return one cell of a part with the map up to the halo, and a ring of a different map around
     it.
     """
-    row, col = int(part.rows[at]), int(part.cols[at])
+    row, col = int(part.rows[cell_index]), int(part.cols[cell_index])
 
     def box(reach: int) -> tuple[slice, slice]:
         rows, cols = (slice(max(0, i - reach), i + reach + 1) for i in (row, col))
@@ -307,8 +307,8 @@ def _isolate_cell(
     return replace(
         part,
         levels=around[outer],
-        rows=part.rows[[at]],
-        cols=part.cols[[at]],
+        rows=part.rows[[cell_index]],
+        cols=part.cols[[cell_index]],
         corner=(outer[0].start, outer[1].start),
         prepared=estimator.prepare(around[outer], part.resolution),
         control=np.zeros_like(part.control),

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
-from locplan._support.checks import Settings, check_positive, setting, short_repr, suggestion_text
+from locplan._support.checks import Settings, check_positive, format_suggestion, setting, short_repr
 from locplan._support.kernels.arrays import Floats, Ints, Octets
 from locplan.errors import ConfigError, FieldError
 from locplan.field.search_window import OffsetLattice
@@ -26,7 +26,7 @@ TILE_CELLS = 512
 
 
 @dataclass(frozen=True)
-class Layer:
+class EstimatorLayer:
     """A value that an estimator gives for each place, in addition to the covariance."""
 
     name: str
@@ -102,7 +102,7 @@ class Estimator(Settings, ABC):
 
     name: ClassVar[str]
     """Name of the estimator on the command line and in files."""
-    layers: ClassVar[tuple[Layer, ...]] = ()
+    layers: ClassVar[tuple[EstimatorLayer, ...]] = ()
     """Values that the estimator gives for each place besides the covariance."""
     remedy: ClassVar[str] = ""
     """Advice to the user where much of a field is saturated."""
@@ -326,7 +326,7 @@ def build_settings(kind: type[T], settings: Mapping[str, object]) -> T:
     for name in arguments:
         if name not in parameters:
             owner = getattr(kind, "name", kind.__name__)
-            names = f"{', '.join(parameters)}{suggestion_text(name, parameters)}"
+            names = f"{', '.join(parameters)}{format_suggestion(name, parameters)}"
             raise ConfigError(f"{owner} has no setting {short_repr(name)}; it has: {names}")
     keywords = {name: _build_nested(name, hints[name], value) for name, value in arguments.items()}
     try:

@@ -20,11 +20,11 @@ from locplan._support.public import DrawableResult
 from locplan._support.saved import EqualByValue
 from locplan.errors import FieldError
 from locplan.field import files, lattice, tiles
-from locplan.field.compute import fill_chunks
+from locplan.field.compute import compute_missing_chunks
 from locplan.field.config import FieldConfig
-from locplan.field.covariance import Quantity, compute_anchors, find_quantity, scalar
+from locplan.field.covariance import QuantityLabel, compute_anchors, find_quantity, scalar
 from locplan.field.estimator import Values
-from locplan.field.poses import read_at_poses
+from locplan.field.poses import interpolate_at_poses
 from locplan.field.search_window import OffsetLattice
 from locplan.maps.grid import OccupancyGrid, check_grid
 
@@ -179,7 +179,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         """
         criterion = self.config.estimator.criterion
         values = self.scalar(criterion, with_q=True)[
-            lattice.thin_evenly(self.is_evaluated, self.is_interpolated)
+            lattice.select_points_evenly(self.is_evaluated, self.is_interpolated)
         ]
         perfect_value, _ = self.anchors(criterion)
         return float(np.mean(values <= 1.05 * perfect_value)) if values.size else 0.0
@@ -189,7 +189,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         """Unit of e; without the angle if poses have no heading."""
         return "m² rad" if self.window.dimension == 3 else "m²"
 
-    def quantity(self, name: str | None = None) -> Quantity:
+    def quantity(self, name: str | None = None) -> QuantityLabel:
         """Return label and unit of a scalar or a layer, and the factor to that unit.
 
         Parameters
@@ -229,11 +229,13 @@ class CovarianceField(DrawableResult, EqualByValue):
             values = np.log(np.maximum(values, np.finfo(float).tiny))
         lattice_values = values
         if self.is_interpolated.any():
-            lattice_values = lattice.fill_lacking(values, self.is_evaluated, self.is_interpolated)
+            lattice_values = lattice.fill_lacking_points(
+                values, self.is_evaluated, self.is_interpolated
+            )
         if cells is None:
-            result = lattice.read_on_map(lattice_values, self.grid.free, self.stride)
+            result = lattice.interpolate_lattice_on_map(lattice_values, self.grid.free, self.stride)
         else:
-            result = lattice.read_at_cells(lattice_values, self.stride, *cells)
+            result = lattice.interpolate_lattice_at_cells(lattice_values, self.stride, *cells)
         return np.exp(result, out=result) if logarithmic else result
 
     @overload
@@ -264,7 +266,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         >>> field.at([[1.0, 1.5], [1.2, 1.5], [9.0, 9.0]], "position_std").round(2).tolist()
         [1.13, 1.12, nan]
         """
-        return read_at_poses(self, poses, name)
+        return interpolate_at_poses(self, poses, name)
 
     def to_xarray(self) -> Dataset:
         """Return all arrays with their coordinates as an xarray.Dataset.
@@ -308,7 +310,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         for name, array in self.values.items():
             values[name][same] = array[same]
         arguments = grid, self.config, threads, executor, progress
-        for _ in fill_chunks(
+        for _ in compute_missing_chunks(
             values, *arguments, tiles.find_required_points(*arguments[:2], points)
         ):
             pass

@@ -13,7 +13,7 @@ from matplotlib.image import AxesImage
 
 from locplan._support import drawing as styles
 from locplan._support.drawing import (
-    Picture,
+    NotebookFigure,
     draw_field_bar,
 )
 from locplan._support.kernels.arrays import Floats
@@ -61,7 +61,7 @@ def format_weak_share(field: CovarianceField, values: Any, name: str | None = No
     return f"{share_text} weak ({threshold:.2g}{unit} or more)"
 
 
-def read_field_cells(
+def interpolate_drawn_cells(
     field: CovarianceField, values: Floats, *, logarithmic: bool, part: OccupancyGrid | None
 ) -> Floats:
     """Return values (h, w) on the field's lattice as `draw_cells` takes them; NaN outside free
@@ -131,7 +131,7 @@ def fields_figure(
     heights = [height / width for width, height in map(compute_figure_size, parts)]
     wide = min(3.6, 8.0 / columns)  # of a map, and of all of them together [inch]
     size = wide * columns + 1, sum(wide * height + 0.6 for height in heights)
-    figure = Picture(figsize=size, layout="constrained")
+    figure = NotebookFigure(figsize=size, layout="constrained")
     grid = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
     images, label_of_bar = [], ""
     for axes_of_row, fields, part in zip(grid, rows, parts, strict=True):
@@ -186,7 +186,9 @@ def draw_field(
     name, visible_map = name or field.config.estimator.criterion, part or field.grid
     if read is None:
         values = field.scalar(name, headings="mean")
-        read = read_field_cells(field, values, logarithmic=name not in field.layers, part=part)
+        read = interpolate_drawn_cells(
+            field, values, logarithmic=name not in field.layers, part=part
+        )
     draw_map(axes, visible_map)
     values = field.quantity(name).factor * read
     norm = make_colour_norm(field, name, values)

@@ -19,7 +19,7 @@ from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.checks import short_repr
 from locplan._support.kernels.arrays import Array, Bools
 from locplan._support.output import replace_file
-from locplan._support.reading import MAX_JSON_BYTES, check_stamp, parse_json, stamp
+from locplan._support.reading import MAX_JSON_BYTES, check_file_stamp, parse_json, stamp
 from locplan._support.saved import TREE_NAME
 from locplan.errors import FieldError, LocplanError
 from locplan.field import tiles
@@ -125,12 +125,12 @@ def read_metadata(file: Path) -> dict[str, Any]:
         metadata = parse_json(text)
     except ValueError:
         metadata = None
-    check_stamp(file, metadata, KIND, VERSION)
+    check_file_stamp(file, metadata, KIND, VERSION)
     described: dict[str, Any] = metadata
     return described
 
 
-def fill_values(
+def fill_values_from_file(
     values: Values,
     file: Path,
     grid: OccupancyGrid,
@@ -168,7 +168,7 @@ def fill_values(
 def read_values(file: Path, grid: OccupancyGrid, config: FieldConfig) -> Values:
     """Read the arrays of a field; NaN for points without values."""
     values = tiles.make_empty_values(grid, config)
-    fill_values(values, file, grid, config)
+    fill_values_from_file(values, file, grid, config)
     return values
 
 

@@ -24,7 +24,7 @@ from locplan.field.beams import (
     find_surface_normals,
 )
 from locplan.field.covariance import compute_log_means, position_axes
-from locplan.field.estimator import Estimator, Layer, MapPart, Values
+from locplan.field.estimator import Estimator, EstimatorLayer, MapPart, Values
 from locplan.field.scan import Scan
 from locplan.field.search_window import OffsetLattice
 from locplan.maps.occupancy import OCCUPIED
@@ -86,11 +86,11 @@ class Fisher(LidarEstimator):
 
         See `locplan.field.Estimator.covariances`.
         """
-        from locplan._support.kernels.lidar import compute_information
+        from locplan._support.kernels.lidar import compute_fisher_information
 
         squares, normals = part.prepared or self.prepare(part.levels, part.resolution)
         window = self.lattice(part.resolution)
-        beam_information = compute_information(
+        beam_information = compute_fisher_information(
             squares,
             normals,
             part.resolution,
@@ -168,7 +168,7 @@ class Fused(Estimator):
     """
 
     name: ClassVar[str] = "fused"
-    layers: ClassVar[tuple[Layer, ...]] = Scan.layers
+    layers: ClassVar[tuple[EstimatorLayer, ...]] = Scan.layers
     remedy: ClassVar[str] = LidarEstimator.remedy
     weight: ClassVar[float] = LidarEstimator.weight
     criterion: ClassVar[str] = LidarEstimator.criterion

@@ -34,7 +34,7 @@ def select_evaluated_points(free: Bools, stride: int) -> Bools:
 
 
 def _find_covered_cells(points: Bools, shape: tuple[int, int], stride: int) -> Bools:
-    """Mark the cells that `read_on_map` reads from at least one of the points, (H, W)."""
+    """Mark the cells that `interpolate_lattice_on_map` reads from at least one of the points, (H, W)."""
     for axis, size in enumerate(shape):
         at = np.arange(size)
         below = np.minimum(at // stride, points.shape[axis] - 1)
@@ -43,7 +43,7 @@ def _find_covered_cells(points: Bools, shape: tuple[int, int], stride: int) -> B
     return points
 
 
-def select_second_points(points: Bools) -> Bools:
+def select_every_second_point(points: Bools) -> Bools:
     """Select every second lattice point in each direction, and points without such a neighbour.
 
     Parameters
@@ -64,10 +64,12 @@ def select_second_points(points: Bools) -> Bools:
     return np.asarray(is_selected | (points & ~around))
 
 
-def thin_evenly(is_computed: Bools, lacking: Bools) -> Bools:
+def select_points_evenly(is_computed: Bools, lacking: Bools) -> Bools:
     """Select computed points of a lattice at equal density everywhere, (h, w)."""
     return (
-        is_computed & select_second_points(is_computed | lacking) if lacking.any() else is_computed
+        is_computed & select_every_second_point(is_computed | lacking)
+        if lacking.any()
+        else is_computed
     )
 
 
@@ -102,7 +104,7 @@ def find_near_points(points: Bools, stride: int, cells: Floats, distance: float)
     return np.asarray(points & (cv2.dilate(marks, disc.astype(np.uint8)) > 0))
 
 
-def fill_lacking(values: Floats, is_computed: Bools, lacking: Bools) -> Floats:
+def fill_lacking_points(values: Floats, is_computed: Bools, lacking: Bools) -> Floats:
     """Fill the lacking points of a lattice (h, w) with the mean of their computed neighbours.
 
     If every second point is known, this is their bilinear interpolation. Points without a known
@@ -121,7 +123,7 @@ def fill_lacking(values: Floats, is_computed: Bools, lacking: Bools) -> Floats:
     return result
 
 
-def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
+def interpolate_lattice_on_map(values: Floats, free: Bools, stride: int) -> Floats:
     """Read the values of a lattice (h, w) bilinearly at the free cells, (H, W); NaN elsewhere.
 
     The last values extend to the map's edge. A NaN corner leaves its weight to the remaining
@@ -164,7 +166,7 @@ def _interpolate_between_rows(values: Floats, first: int, count: int, stride: in
     return np.asarray(read.reshape(-1, values.shape[1]))
 
 
-def read_at_cells(values: Floats, stride: int, rows: Array, cols: Array) -> Floats:
+def interpolate_lattice_at_cells(values: Floats, stride: int, rows: Array, cols: Array) -> Floats:
     """Read the values of a lattice (h, w) bilinearly at some cells, which may lie between cells.
 
     A NaN corner leaves its weight to the remaining corners.

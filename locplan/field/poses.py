@@ -77,15 +77,17 @@ class LatticeCorners:
 
     @classmethod
     def _from_weights(
-        cls, number: Ints, points: Ints, weight: Floats, count: int
+        cls, position_index: Ints, points: Ints, weight: Floats, count: int
     ) -> LatticeCorners:
         """Make corners from entries: the index of the position, the point, and its weight."""
         is_used = weight > 0
-        number, points, weight = number[is_used], points[is_used], weight[is_used]
+        position_index, points, weight = position_index[is_used], points[is_used], weight[is_used]
         index = points[:, 0] * (points[:, 1].max(initial=0) + 1) + points[:, 1]
         _, first, place = np.unique(index, return_index=True, return_inverse=True)
-        weight = weight / np.bincount(number, weight, count)[number]
-        return cls(points[first], _make_sparse_matrix(weight, number, place, (count, len(first))))
+        weight = weight / np.bincount(position_index, weight, count)[position_index]
+        return cls(
+            points[first], _make_sparse_matrix(weight, position_index, place, (count, len(first)))
+        )
 
     def read(self, values: Floats, headings: Floats | None) -> Floats:
         """Return the values at the positions, (n, ...), NaN for a position without a value.
@@ -98,9 +100,9 @@ class LatticeCorners:
             Heading at each position [rad]; by default the mean over all headings counts.
         """
         values, weights = self._select_headings(values, 1, headings)
-        return self._blank_unread(weights @ values)
+        return self._set_unread_to_nan(weights @ values)
 
-    def read_covariances(self, covariances: Floats, headings: Floats | None) -> Floats:
+    def interpolate_covariances(self, covariances: Floats, headings: Floats | None) -> Floats:
         """Return covariances at the positions, (n, d, d), interpolated in the matrix logarithm.
 
         Parameters
@@ -110,22 +112,22 @@ class LatticeCorners:
         headings : (n,) array, optional
             Heading at each position [rad].
         """
-        from locplan.field.kernels.symmetric import map_eigenvalues
+        from locplan.field.kernels.symmetric import compute_log_or_exp
 
         d = covariances.shape[-1]
         heading_covariances, weights = self._select_headings(covariances, 3, headings)
-        logs = weights @ map_eigenvalues(heading_covariances, True).reshape(-1, d * d)
-        return self._blank_unread(map_eigenvalues(logs.reshape(-1, d, d), False))
+        logs = weights @ compute_log_or_exp(heading_covariances, True).reshape(-1, d * d)
+        return self._set_unread_to_nan(compute_log_or_exp(logs.reshape(-1, d, d), False))
 
     def _select_headings(
-        self, values: Floats, plain: int, headings: Floats | None
+        self, values: Floats, n_plain_dims: int, headings: Floats | None
     ) -> tuple[Floats, Any]:
         """Return the values to read, of one heading each, and their weights at each position.
 
-        `plain` is the number of dimensions of values without headings.
+        `n_plain_dims` is the number of dimensions of values without headings.
         """
-        if values.ndim == plain or headings is None:
-            return (values if values.ndim == plain else values.mean(axis=1)), self.weights
+        if values.ndim == n_plain_dims or headings is None:
+            return (values if values.ndim == n_plain_dims else values.mean(axis=1)), self.weights
         count = values.shape[1]
         turn = headings / (2 * math.pi) * count
         low = np.floor(turn).astype(np.int64)
@@ -139,7 +141,7 @@ class LatticeCorners:
         weights = _make_sparse_matrix(weight, np.tile(sparse_weights.row, 2), place, shape)
         return values.reshape(-1, *values.shape[2:])[used], weights
 
-    def _blank_unread(self, values: Floats) -> Floats:
+    def _set_unread_to_nan(self, values: Floats) -> Floats:
         """Replace the values at positions without a weight by NaN."""
         values[np.diff(self.weights.indptr) == 0] = np.nan
         return values
@@ -159,7 +161,7 @@ def _make_sparse_matrix(weight: Floats, rows: Ints, cols: Ints, shape: tuple[int
     return csr_array((weight, (rows, cols)), shape=shape)
 
 
-def read_at_poses(field: Any, poses: ArrayLike, name: str | None) -> Any:
+def interpolate_at_poses(field: Any, poses: ArrayLike, name: str | None) -> Any:
     """Return all values of a field at poses by name, or the values with one name.
 
     Parameters
@@ -181,7 +183,7 @@ def read_at_poses(field: Any, poses: ArrayLike, name: str | None) -> Any:
     values: dict[str, Floats] = {}
     if name not in field.layers:
         covariances = field.covariance if headings is not None else field.average_headings
-        values["covariance"] = corners.read_covariances(covariances[at], headings)
+        values["covariance"] = corners.interpolate_covariances(covariances[at], headings)
     for quantity_name in names if name is None else (name,):
         if quantity_name in field.layers:
             values[quantity_name] = corners.read(field.layers[quantity_name][at], headings)

@@ -19,7 +19,13 @@ from locplan.field.estimator import MapPart
 from locplan.field.kernels import bitplanes, sad, templates
 from locplan.field.kernels.bitplanes import PLANES, SQUARE
 from locplan.field.search_window import OffsetLattice
-from locplan.field.templates import BEHIND, count_beams, disc, find_cell_beams, map_centre
+from locplan.field.templates import (
+    BEHIND,
+    compute_map_centre,
+    count_template_rays,
+    disc,
+    find_cell_ray_indices,
+)
 
 
 class CellGroup(NamedTuple):
@@ -67,7 +73,7 @@ class MapLayout:
         levels = np.array(part.levels, order="C")
         squares = templates.make_disc_squares(disc(radius))
         diameter = squares.rows * SQUARE
-        centre_row, centre_col = map_centre(part.map_shape)
+        centre_row, centre_col = compute_map_centre(part.map_shape)
         cos, sin = np.cos(window.angles), np.sin(window.angles)
 
         # The templates: the turned maps around the cells' turned and rounded places.
@@ -197,9 +203,9 @@ class MapLayout:
 @lru_cache(maxsize=4)
 def _make_rays(radius: int, window: OffsetLattice) -> templates.SightRays:
     """Return the rays of visible templates, without cells."""
-    angles = 2 * np.pi * np.arange(count_beams(radius)) / count_beams(radius)
+    angles = 2 * np.pi * np.arange(count_template_rays(radius)) / count_template_rays(radius)
     offset = 2 * np.arange(-radius, radius + 1, dtype=np.int32)
-    beams = [find_cell_beams(radius, theta).astype(np.int32) for theta in window.angles]
+    beams = [find_cell_ray_indices(radius, theta).astype(np.int32) for theta in window.angles]
     nowhere = np.empty(0, np.int64)
     return templates.SightRays(
         cos=np.cos(angles),
@@ -238,7 +244,7 @@ def find_disc_blocks(radius: int, edge: int) -> tuple[Ints, Ints]:
     return places[:, 0], places[:, 1]
 
 
-def scale_to_short(greatest: int) -> tuple[int, int]:
+def compute_short_scaling(greatest: int) -> tuple[int, int]:
     """Return a limit below 65,535 and the number of bits by which to shift sums to the right."""
     shift = max(0, greatest.bit_length() - MAX_SHORT.bit_length())
     shift += greatest >> shift >= MAX_SHORT
@@ -251,7 +257,7 @@ def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int)
     Of each group of cells, (theta, n, dx).
     """
     control, headings = layout.part.control, layout.window.angles.size
-    limit, shift = scale_to_short(negligible)
+    limit, shift = compute_short_scaling(negligible)
     line_masks = [np.ones((headings, group.cells.size, layout.n_offsets), bool) for group in groups]
     still = np.empty((2, *(size + 1 for size in layout.unrotated_octets.shape[1:])), np.uint16)
     bitplanes.fill_summed_table(layout.unrotated_octets, still)
@@ -267,7 +273,7 @@ def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int)
 
 
 def _count_group_blocks(
-    layout: MapLayout, group: CellGroup, still: Shorts, table_rows: int
+    layout: MapLayout, group: CellGroup, unrotated_table: Shorts, table_rows: int
 ) -> bitplanes.BlockCounts:
     """Count the map's cells in the blocks around a group of cells."""
     edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
@@ -280,7 +286,7 @@ def _count_group_blocks(
     col_stride, plane_stride = step_units * lanes, cols * step_units * lanes
     addresses, corners, rest = [], [], np.arange(step_units)[:, None]
     for n, (edge, (block_rows, block_cols)) in enumerate(zip(edges, places, strict=True)):
-        bitplanes.count_blocks(still, group.top, group.left, edge, unit, counts[n])
+        bitplanes.count_blocks(unrotated_table, group.top, group.left, edge, unit, counts[n])
         p, q = rest + block_rows // unit, block_cols // unit
         address = p % step_units * lanes + p // step_units + q * col_stride
         addresses.append(address + n * 2 * plane_stride)

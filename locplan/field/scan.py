@@ -16,8 +16,8 @@ import numpy as np
 from locplan._support.checks import is_number, set_frozen_fields, short_repr
 from locplan._support.kernels.arrays import Floats, Octets
 from locplan.errors import ConfigError
-from locplan.field.beams import LidarEstimator, compute_beam_reach, find_wall_cells
-from locplan.field.estimator import Layer, MapPart, Values
+from locplan.field.beams import LidarEstimator, compute_beam_reach, find_wall_surface_cells
+from locplan.field.estimator import EstimatorLayer, MapPart, Values
 from locplan.maps.occupancy import OCCUPIED
 from locplan.robots.lidar import MAX_BEAMS
 
@@ -37,9 +37,13 @@ class Scan(LidarEstimator):
     """
 
     name: ClassVar[str] = "scan"
-    layers: ClassVar[tuple[Layer, ...]] = (
-        Layer("ambiguity", "probability outside the central mode", "1", lambda _: (0.0, 1.0)),
-        Layer("entropy", "entropy of the posterior", "nat", lambda on: (0.0, math.log(on.size))),
+    layers: ClassVar[tuple[EstimatorLayer, ...]] = (
+        EstimatorLayer(
+            "ambiguity", "probability outside the central mode", "1", lambda _: (0.0, 1.0)
+        ),
+        EstimatorLayer(
+            "entropy", "entropy of the posterior", "nat", lambda on: (0.0, math.log(on.size))
+        ),
     )
 
     z_rand: float = field(default=0.05, kw_only=True)
@@ -61,14 +65,14 @@ class Scan(LidarEstimator):
 
         See `locplan.field.Estimator.covariances`.
         """
-        from locplan._support.kernels.likelihood import make_lattice
+        from locplan._support.kernels.likelihood import make_scan_lattice
         from locplan._support.kernels.posterior import compute_scan_posteriors
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)
         window = self.lattice(part.resolution)
         posteriors = compute_scan_posteriors(
             scene.likelihood,
-            make_lattice(window.half_steps, window.angles),
+            make_scan_lattice(window.half_steps, window.angles),
             scene.squares,
             part.resolution,
             part.rows - part.corner[0],
@@ -99,7 +103,7 @@ class Scan(LidarEstimator):
         """
         from scipy.special import ndtri
 
-        numbers = self._beams.compute_symmetry_places(self.lidar)
+        numbers = self._beams.number_symmetric_beams(self.lidar)
         digits = np.arange(MAX_BEAMS.bit_length())
         reversed_digits = numbers[:, None] >> digits & 1
         return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))
@@ -207,7 +211,9 @@ def make_likelihood_field(
     shape = step, step, height, width
     planes = np.full(math.prod(shape) + kernel.GROUP * width + SHORTS, kernel.TOP, np.uint16)
     laid_out = planes[: math.prod(shape)].reshape(shape)
-    kernel.write_cost_planes(find_wall_cells(levels == OCCUPIED), costs, reach, margin, laid_out)
+    kernel.write_cost_planes(
+        find_wall_surface_cells(levels == OCCUPIED), costs, reach, margin, laid_out
+    )
     return kernel.LikelihoodField(
         planes,
         first=-margin,

@@ -32,7 +32,7 @@ from locplan.field.cache import (
     list_cache_entries,
     load_or_compute_result,
 )
-from locplan.field.compute import fill_chunks
+from locplan.field.compute import compute_missing_chunks
 from locplan.field.config import FieldConfig, config_from_settings
 from locplan.field.estimator import Estimator, Values
 from locplan.field.field import CovarianceField
@@ -98,7 +98,7 @@ def covariance_field(
     config = config_from_settings(config)
     values = tiles.make_empty_values(grid, config)
     required = tiles.find_required_points(grid, config, points)
-    for _ in fill_chunks(values, grid, config, threads, executor, progress, required):
+    for _ in compute_missing_chunks(values, grid, config, threads, executor, progress, required):
         pass
     return CovarianceField.from_values(values, grid, config)
 
@@ -160,7 +160,7 @@ def load_or_compute(
 
     def compute(parts: Path | None) -> Values:
         values, due = field.load_cached_values(path, parts)
-        chunks = fill_chunks(values, grid, config, threads, executor, progress, due)
+        chunks = compute_missing_chunks(values, grid, config, threads, executor, progress, due)
         with closing(chunks):
             field.write_parts(chunks, values, parts)
         return values
@@ -257,7 +257,7 @@ class _CachedField:
         for file in (path, *sorted(parts.glob(f"*{RESULT}") if parts else ())):
             with suppress(LocplanError):
                 self._read_matching_metadata(file)
-                files.fill_values(values, file, self.grid, self.config, self.all_points)
+                files.fill_values_from_file(values, file, self.grid, self.config, self.all_points)
         same = 0
         for cached_result in list_cache_entries(path.parent):
             lacking = due & ~tiles.find_computed_points(values)
@@ -273,7 +273,9 @@ class _CachedField:
                 before = files.read_grid(cached_result.path, cached_result.metadata)
                 useful = lacking & tiles.find_unchanged_points(before, self.grid, self.config)
                 if useful.any():
-                    files.fill_values(values, cached_result.path, self.grid, self.config, useful)
+                    files.fill_values_from_file(
+                        values, cached_result.path, self.grid, self.config, useful
+                    )
         return values, due
 
     def write_parts(self, chunks: Iterable[object], values: Values, parts: Path | None) -> None:

@@ -70,7 +70,7 @@ def cut_rotated_template(cells: Octets, row: int, col: int, radius: int, theta: 
     theta : float
         Rotation of the map [rad].
     """
-    centre_row, centre_col = map_centre(cells.shape)
+    centre_row, centre_col = compute_map_centre(cells.shape)
     cos, sin = math.cos(theta), math.sin(theta)
     dy, dx = row - centre_row, col - centre_col
     rotated_row = math.floor(sin * dx + cos * dy + centre_row + 0.5)
@@ -99,19 +99,19 @@ def visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -
     theta : float
         Rotation of the disc [rad].
     """
-    beams = count_beams(radius)
+    beams = count_template_rays(radius)
     steps = np.arange(1, 2 * radius + 1) / 2
     angles = 2 * np.pi * np.arange(beams) / beams
     rows = row + np.floor(np.sin(angles)[:, None] * steps + 0.5).astype(np.int64)
     cols = col + np.floor(np.cos(angles)[:, None] * steps + 0.5).astype(np.int64)
     stops = (read_levels(cells, rows, cols) != FREE) & ((rows != row) | (cols != col))
     first = np.where(stops.any(axis=1), stops.argmax(axis=1) + 1, 2 * radius)
-    reach = (first + 1 + 2 * BEHIND)[find_cell_beams(radius, theta)]  # [half cells]
+    reach = (first + 1 + 2 * BEHIND)[find_cell_ray_indices(radius, theta)]  # [half cells]
     offset = 2 * np.arange(-radius, radius + 1)
     return disc(radius) & (offset[:, None] ** 2 + offset[None, :] ** 2 <= reach**2)
 
 
-def count_beams(radius: int) -> int:
+def count_template_rays(radius: int) -> int:
     """Return the number of rays: one passes every cell at the disc's edge.
 
     Parameters
@@ -122,7 +122,7 @@ def count_beams(radius: int) -> int:
     return max(360, math.ceil(2 * math.pi * radius))
 
 
-def find_cell_beams(radius: int, theta: float) -> Ints:
+def find_cell_ray_indices(radius: int, theta: float) -> Ints:
     """Return the index of the ray towards each cell of the square, (2r + 1, 2r + 1).
 
     Parameters
@@ -132,13 +132,13 @@ def find_cell_beams(radius: int, theta: float) -> Ints:
     theta : float
         Rotation of the square [rad].
     """
-    beams = count_beams(radius)
+    beams = count_template_rays(radius)
     offset = np.arange(-radius, radius + 1)
     direction = np.arctan2(offset[:, None], offset[None, :]) - theta
     return np.floor(direction * (beams / (2 * np.pi)) + 0.5).astype(np.int64) % beams
 
 
-def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
+def compute_map_centre(shape: tuple[int, int]) -> tuple[float, float]:
     """Return the centre of a map's rotation, (row, col).
 
     Parameters

@@ -49,7 +49,7 @@ def make_empty_values(grid: OccupancyGrid, config: FieldConfig) -> Values:
     return {name: np.full(shape, np.nan) for name, shape in shapes.items()}
 
 
-def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
+def check_tile_memory(grid: OccupancyGrid, config: FieldConfig) -> None:
     """Raise a ConfigError if a tile takes over 2 GB; range and window decide its size."""
     tile_memory = config.estimator.memory(grid.resolution, grid.shape)
     if tile_memory > 2e9:
@@ -101,10 +101,10 @@ def compute_chunk_edge(config: FieldConfig, resolution: float) -> int:
     return max(1, min(TILE, on_map, math.isqrt(int(min(points, TILE**2)))))
 
 
-def iterate_chunks(points: Bools, edge: int) -> Iterator[Chunk]:
+def iterate_chunks(points: Bools, chunk_edge: int) -> Iterator[Chunk]:
     """Yield chunks that hold at least one of the points, row by row."""
-    for top, left in product(*(range(0, size, edge) for size in points.shape)):
-        chunk = slice(top, top + edge), slice(left, left + edge)
+    for top, left in product(*(range(0, size, chunk_edge) for size in points.shape)):
+        chunk = slice(top, top + chunk_edge), slice(left, left + chunk_edge)
         if points[chunk].any():
             yield chunk
 

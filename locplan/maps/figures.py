@@ -18,7 +18,7 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from locplan._support import drawing as styles
-from locplan._support.drawing import CellImage, Picture
+from locplan._support.drawing import CellImage, NotebookFigure
 from locplan._support.kernels.arrays import Floats, Octets
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFaults
@@ -158,7 +158,7 @@ def compute_axes_limits(grid: OccupancyGrid, *, share: float = 0.02) -> AxesLimi
     )
 
 
-def make_map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
+def make_map_axes(grid: OccupancyGrid) -> tuple[NotebookFigure, Axes]:
     """Make an empty figure for one map.
 
     Parameters
@@ -173,7 +173,7 @@ def make_map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
     axes : matplotlib.axes.Axes
         Its only Axes.
     """
-    figure = Picture(figsize=compute_figure_size(grid), layout="constrained")
+    figure = NotebookFigure(figsize=compute_figure_size(grid), layout="constrained")
     return figure, figure.add_subplot()
 
 

@@ -30,10 +30,10 @@ from locplan._support.reading import (
     dump_yaml,
     extract_reason,
     make_map_error,
-    open_file,
+    open_plain_file,
     read_content,
 )
-from locplan._support.runs import note_map
+from locplan._support.runs import record_map
 from locplan.errors import MapError
 from locplan.maps import environments
 from locplan.maps.environments import is_built_in, suggest_built_in_map
@@ -64,7 +64,7 @@ free_thresh: 0.196"""
 def check_is_no_image(file: Path) -> None:
     """Raise a MapError if a map's file is an image; its note is a YAML to save with the image."""
     try:
-        with open_file(file) as content:
+        with open_plain_file(file) as content:
             is_image = IMAGE_SIGNATURE.match(content.read(16)) is not None
     except (OSError, ValueError):
         return  # what is wrong is said where the file is read
@@ -114,7 +114,7 @@ def _find_similar_images(folder: Path, name: str) -> list[str]:
 def _find_image_line(file: Path) -> int | None:
     """Return the number of the line that names the image, or None."""
     try:
-        with open_file(file) as content:
+        with open_plain_file(file) as content:
             lines = content.read(2**16).splitlines()
     except OSError:
         return None
@@ -480,7 +480,7 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     (316, 824)
     """
     grid, source = read_map(path)
-    note_map(grid.name, lambda: grid.digest)
+    record_map(grid.name, lambda: grid.digest)
     if source and source.has_free_grey:
         count = source.saver_grey_free
         fault = (
@@ -568,7 +568,7 @@ def with_corrected_thresholds(grid: OccupancyGrid, source: MapSource | None) -> 
     return replace(_read_with_header(file, header)[0], name=grid.name)
 
 
-def corrected_yaml(source: MapSource, overrides: Mapping[str, object] | None = None) -> str:
+def format_corrected_yaml(source: MapSource, overrides: Mapping[str, object] | None = None) -> str:
     """Return a map's YAML with `MapSource.corrected_thresholds` and the image's full path.
 
     Parameters
@@ -782,7 +782,7 @@ def _find_image(file: Path) -> Path | None:
 def _has_image_entry(file: Path) -> bool:
     """True if a YAML file names an image."""
     try:
-        with open_file(file) as content:
+        with open_plain_file(file) as content:
             return bool(re.search(rb"(?m)^\s*image\s*:", content.read(MAX_YAML_BYTES)))
     except OSError:
         return False

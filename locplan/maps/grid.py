@@ -373,7 +373,7 @@ def check_grid(grid: object) -> None:
     checks.check_instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
 
 
-def extent_text(grid: OccupancyGrid) -> str:
+def format_extent(grid: OccupancyGrid) -> str:
     """Return the lowest and the highest corner of a map in the world, such as 0,0 to 40,14 m.
 
     Parameters

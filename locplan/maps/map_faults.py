@@ -15,7 +15,7 @@ import numpy as np
 
 from locplan._support.kernels.arrays import Bools, Floats, Octets, Singles
 from locplan._support.output import ResultFiles
-from locplan._support.records import Column, Result, Table
+from locplan._support.records import Result, Table, TableColumn
 from locplan.errors import ConfigError
 from locplan.maps.files import DARK, ROWS, MapSource, with_corrected_thresholds
 from locplan.maps.grid import OccupancyGrid, check_grid
@@ -85,10 +85,12 @@ def hollow_walls(grid: OccupancyGrid) -> OccupancyGrid:
     [[0, 0, 0], [0, 127, 0], [0, 0, 0]]
     """
     check_grid(grid)
-    return replace(grid, cells=np.where(find_wall_interiors(grid), np.uint8(UNKNOWN), grid.cells))
+    return replace(
+        grid, cells=np.where(mark_enclosed_wall_cells(grid), np.uint8(UNKNOWN), grid.cells)
+    )
 
 
-def find_wall_interiors(grid: OccupancyGrid) -> Bools:
+def mark_enclosed_wall_cells(grid: OccupancyGrid) -> Bools:
     """Mark the occupied cells whose 8 neighbours are occupied, (H, W); beyond the map none is."""
     import cv2
 
@@ -121,10 +123,10 @@ def _compute_solidity(grid: OccupancyGrid) -> WallSolidity:
 
     deep = int(MISLEADING_DEPTH / grid.resolution) + 1
     faces, deep_faces = count_deep_faces(grid.cells, FREE, OCCUPIED, deep)
-    inside = find_wall_interiors(grid)
+    inside = mark_enclosed_wall_cells(grid)
     if not inside.any():
         return WallSolidity(0.0, 0.0, 0.0)
-    wins, count, moves = np.zeros(2), 0, _draw_wrong_moves(grid.resolution)
+    wins, count, moves = np.zeros(2), 0, _draw_pose_errors(grid.resolution)
     before, window_scores = (slice(0), slice(0)), [np.empty((0, 0), np.float32)]
     for around, pose, ends in _simulate_scans(grid):
         if around != before:
@@ -160,7 +162,7 @@ def _fits_wrong_pose_better(scores: Singles, ends: Floats, pose: Floats, moves: 
     return bool(sums[1:].max() > sums[0])
 
 
-def _draw_wrong_moves(resolution: float) -> Floats:
+def _draw_pose_errors(resolution: float) -> Floats:
     """Draw moves from the true pose to wrong ones, (POSES, 3) [cells, cells, rad]."""
     random = np.random.default_rng(1)
     distance = random.uniform(NEAREST, FARTHEST, POSES) / resolution
@@ -175,7 +177,7 @@ def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], 
     Poses (row, column, heading) are within the part [cells, cells, rad], ends are ahead and to the
     left of the robot [cells].
     """
-    from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
+    from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, simulate_measured_ends
     from locplan._support.kernels.rays import compute_empty_squares
 
     random = np.random.default_rng(0)
@@ -190,7 +192,7 @@ def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], 
         ends = np.empty((BEAMS, 2))
         if window != before:
             before, squares = window, compute_empty_squares(grid.cells[window] == OCCUPIED)
-        measure_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
+        simulate_measured_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
         if np.isfinite(ends[:, 0]).sum() < BEAMS / 3:
             continue
         around = _select_window(grid, row, col, SCORED_REACH)
@@ -497,10 +499,10 @@ def find_bounding_boxes(
     return tuple(places)
 
 
-def find_painted_unknown(grid: OccupancyGrid) -> Iterator[MapFault]:
+def find_painted_unknown_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
     """Find unknown space that was painted black."""
     unknown = np.count_nonzero(~grid.free & (grid.cells != OCCUPIED)) / grid.cells.size
-    inside = float(find_wall_interiors(grid).mean())
+    inside = float(mark_enclosed_wall_cells(grid).mean())
     if unknown <= NO_UNKNOWN and inside >= PAINTED:
         yield MapFault(
             "painted unknown",
@@ -588,7 +590,7 @@ class MapFaults(Result):
             {fault.kind for fault in self},
         )
         if kinds & {"solid walls", "thick walls", "painted unknown"}:
-            is_faulty |= find_wall_interiors(self.corrected_map)
+            is_faulty |= mark_enclosed_wall_cells(self.corrected_map)
         if "specks" in kinds:
             is_faulty |= self.specks
         return is_faulty
@@ -626,12 +628,12 @@ class MapFaults(Result):
     def table(self) -> Table:
         """Return a table with one row per fault."""
         columns = [
-            Column("kind", title="fault"),
-            Column("what", title="what", value=attrgetter("message")),
-            Column("where", title="where", value=attrgetter("place_text")),
-            Column("costs", title="costs", value=attrgetter("impact")),
-            Column("mend", title="mend", value=attrgetter("remedy")),
-            Column("sure", value=attrgetter("is_certain")),
+            TableColumn("kind", title="fault"),
+            TableColumn("what", title="what", value=attrgetter("message")),
+            TableColumn("where", title="where", value=attrgetter("place_text")),
+            TableColumn("costs", title="costs", value=attrgetter("impact")),
+            TableColumn("mend", title="mend", value=attrgetter("remedy")),
+            TableColumn("sure", value=attrgetter("is_certain")),
         ]
         return Table.from_records(columns, self)
 
@@ -697,7 +699,7 @@ def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
         if is_mask
         else (
             *find_wall_faults(corrected_map, measure_solidity(corrected_map)),
-            *find_painted_unknown(corrected_map),
+            *find_painted_unknown_faults(corrected_map),
         )
     )
     return MapFaults(

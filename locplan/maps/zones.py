@@ -28,10 +28,10 @@ from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.output import replace_file
 from locplan._support.reading import MAX_BYTES, parse_json, read_text
 from locplan._support.saved import EqualByValue
-from locplan._support.tables import make_feature
+from locplan._support.tables import make_geojson_feature
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps.files import read_mask
-from locplan.maps.grid import OccupancyGrid, check_grid, extent_text
+from locplan.maps.grid import OccupancyGrid, check_grid, format_extent
 from locplan.maps.occupancy import OCCUPIED
 
 ZoneKind = Literal["no-go", "slow", "prefer"]
@@ -104,7 +104,7 @@ class Zone(EqualByValue):
         """Return the zone as a feature of GeoJSON."""
         percent = {"percent": self.percent} if self.kind == "slow" else {}
         ring = self.polygon.tolist()
-        return make_feature("Polygon", [[*ring, ring[0]]], {"kind": self.kind} | percent)
+        return make_geojson_feature("Polygon", [[*ring, ring[0]]], {"kind": self.kind} | percent)
 
     @classmethod
     def from_json(cls, geojson: Any) -> Zone:
@@ -120,15 +120,17 @@ class Zone(EqualByValue):
         ConfigError
             If it is no such feature.
         """
-        properties, shape = (_read_member(geojson, name) for name in ("properties", "geometry"))
+        properties, shape = (
+            _get_geojson_member(geojson, name) for name in ("properties", "geometry")
+        )
         if not isinstance(properties, dict) or "kind" not in properties:
             raise ConfigError(f"has no kind; write one of {', '.join(KINDS)} into its properties")
-        kind = _read_member(shape, "type")
+        kind = _get_geojson_member(shape, "type")
         if kind == "MultiPolygon":
             raise ConfigError("is a MultiPolygon; save each polygon as its own feature")
         if kind != "Polygon":
             raise ConfigError(f"is no polygon, but {short_repr(kind)}; draw the zone as a Polygon")
-        rings = _read_member(shape, "coordinates")
+        rings = _get_geojson_member(shape, "coordinates")
         if not isinstance(rings, list) or not rings:
             raise ConfigError("has no corners; draw the polygon again")
         if len(rings) > 1:
@@ -275,8 +277,10 @@ class Zones:
             If it is no collection, or a feature is no zone. The error names the feature, counted
             from 1.
         """
-        features = _read_member(geojson, "features")
-        if _read_member(geojson, "type") != "FeatureCollection" or not isinstance(features, list):
+        features = _get_geojson_member(geojson, "features")
+        if _get_geojson_member(geojson, "type") != "FeatureCollection" or not isinstance(
+            features, list
+        ):
             raise ConfigError(
                 "holds no zones; give a GeoJSON FeatureCollection of polygons, or a map YAML"
             )
@@ -480,7 +484,7 @@ def _split_rectangles(mask: Bools) -> list[tuple[int, int, int, int]]:
     return sorted(rectangles)
 
 
-def _read_member(geojson: Any, name: str) -> Any:
+def _get_geojson_member(geojson: Any, name: str) -> Any:
     """Return a member of a GeoJSON object, or None."""
     return geojson.get(name) if isinstance(geojson, Mapping) else None
 
@@ -501,7 +505,7 @@ def _check_polygon(polygon: ArrayLike) -> Floats:
         or not abs(_cross_product(corners - corners[0], ahead - corners[0]).sum()) > 0
     ):
         raise ConfigError("encloses no area; draw at least three corners that are not in a line")
-    if len(corners) > 3 and (crossing := _find_crossing(corners, ahead)) is not None:
+    if len(corners) > 3 and (crossing := _find_self_crossing(corners, ahead)) is not None:
         x, y = crossing
         raise ConfigError(f"its outline crosses itself near {x:.2f},{y:.2f}; draw it as two zones")
     corners.setflags(write=False)
@@ -537,7 +541,7 @@ def _cross_product(first: Floats, second: Floats) -> Floats:
     return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
 
 
-def _find_crossing(starts: Floats, ends: Floats) -> tuple[float, float] | None:
+def _find_self_crossing(starts: Floats, ends: Floats) -> tuple[float, float] | None:
     """Return a point at which two edges of an outline cross, or None."""
     steps = ends - starts
     begin, end = (
@@ -565,7 +569,7 @@ def check_zones_on_map(zones: Zones, grid: OccupancyGrid) -> None:
     """
     if zones and not any(zones.cells(grid, kind).any() for kind in KINDS):
         raise ConfigError(
-            f"no zone overlaps the map, which reaches from {extent_text(grid)}; draw the zones in"
+            f"no zone overlaps the map, which reaches from {format_extent(grid)}; draw the zones in"
             " the map frame, in metres"
         )
 

@@ -174,7 +174,7 @@ def compare_models_along_strip(template: Octets, cells: Octets) -> dict[str, Flo
     (height, width), (map_height, map_width) = template.shape, cells.shape
     if height != map_height or width > map_width:
         raise MapError(f"a template {template.shape} cannot slide along a map {cells.shape}")
-    return _compute_curves(
+    return _compute_model_values(
         (template, cells[:, k : k + width]) for k in range(map_width - width + 1)
     )
 
@@ -218,14 +218,14 @@ def compare_models_along_axis(
     if axis == "theta":
         turns = round(estimator.window.half_rotation_deg)
         angles = np.radians(np.arange(-turns, turns + 1, dtype=np.float64))
-        return angles, _compute_curves(
+        return angles, _compute_model_values(
             (cut_rotated_template(grid.cells, row, col, radius, angle)[mask], unmoved)
             for angle in angles
         )
     reach = window.reach
     cells = np.arange(-reach, reach + 1, dtype=np.float64)
     direction = (0, 1) if axis == "x" else (1, 0)
-    return cells * grid.resolution, _compute_curves(
+    return cells * grid.resolution, _compute_model_values(
         (
             unmoved,
             local_map(grid.cells, row + k * direction[0], col + k * direction[1], radius)[mask],
@@ -234,7 +234,7 @@ def compare_models_along_axis(
     )
 
 
-def _compute_curves(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, Floats]:
+def _compute_model_values(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, Floats]:
     """Compute the seven models for pairs of template and map, by name."""
     rows = [similarities(template, levels) for template, levels in pairs]
     return {name: np.array([row[name] for row in rows]) for name in MODELS}

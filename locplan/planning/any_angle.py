@@ -17,13 +17,13 @@ from locplan.planning.costmap import Costmap
 from locplan.planning.grid import (
     GridPlanner,
     PaddedCostmap,
-    blank_costs,
-    bordered_ends,
-    cells_from_flat,
+    cells_from_flat_indices,
     drop_repeated_positions,
+    find_bordered_end_indices,
     find_cheapest_cells,
     find_straight_line,
     find_turning_centres,
+    make_blank_costs,
 )
 from locplan.planning.metrics import path_cost
 from locplan.planning.path import Path
@@ -64,7 +64,7 @@ class AnyAngle:
     def prepare(self) -> None:
         """Compile the kernels, so that the first plan is not timed with them."""
         GridPlanner().prepare()
-        self.solve(blank_costs(3, 9), (0.5, 0.5), (8.5, 1.5))
+        self.solve(make_blank_costs(3, 9), (0.5, 0.5), (8.5, 1.5))
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan between two world positions [m] in free cells; the path has exactly these ends.
@@ -99,20 +99,22 @@ class AnyAngle:
         cells, _ = find_cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)
         if cells is None:
             return PlannerResult(status="unreachable")
-        wider = None
+        cells_by_32_moves = None
         if self.accuracy == "high":
-            wider = _find_cells_over_32_moves(costs, start, goal, cutting)
-        return PlannerResult(any_angle_path(costs, bordered, cells, start, goal, cutting, wider))
+            cells_by_32_moves = _find_cells_with_32_moves(costs, start, goal, cutting)
+        return PlannerResult(
+            make_any_angle_path(costs, bordered, cells, start, goal, cutting, cells_by_32_moves)
+        )
 
 
-def any_angle_path(
+def make_any_angle_path(
     costs: Costmap,
     bordered: PaddedCostmap,
     cells: Ints,
     start: Position,
     goal: Position,
     allow_corner_cutting: bool = False,
-    wider: Ints | None = None,
+    cells_by_32_moves: Ints | None = None,
 ) -> Path:
     """Straighten a path over cells; the result never costs more than the cells' path.
 
@@ -128,14 +130,14 @@ def any_angle_path(
         Positions in the world [m].
     allow_corner_cutting : bool, default False
         True lets lines pass the corner of a blocked cell.
-    wider : (m, 2) array, optional
+    cells_by_32_moves : (m, 2) array, optional
         Cells to straighten in place of those, if they were searched over more moves.
     """
     candidates = [_drop_end_centres(costs, cells, start, goal)]
     if (line := find_straight_line(costs, start, goal, allow_corner_cutting)) is not None:
         candidates.append(line)
     ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
-    inner = (cells if wider is None else wider) + 0.5
+    inner = (cells if cells_by_32_moves is None else cells_by_32_moves) + 0.5
     positions = np.vstack([ends[:1], inner, ends[1:]])
     straight = _straighten_and_shift(costs, bordered, positions, start, goal, allow_corner_cutting)
     # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
@@ -202,17 +204,20 @@ def subdivide(positions: Floats, spacing: float) -> Floats:
     return np.vstack([positions[:1], inner])
 
 
-def _find_cells_over_32_moves(
+def _find_cells_with_32_moves(
     costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool
 ) -> Ints | None:
     """Return the cheapest cells over 32 moves; None without a path or if costs differ too much."""
-    from locplan._support.kernels.search import make_bordered_half
+    from locplan._support.kernels.search import make_bordered_half_density
     from locplan.planning.kernels.any_angle import cheapest_moves
 
     columns = costs.grid.shape[1] + 2 * REACH
-    half, ends = make_bordered_half(costs.density, REACH), bordered_ends(costs, start, goal, REACH)
+    half, ends = (
+        make_bordered_half_density(costs.density, REACH),
+        find_bordered_end_indices(costs, start, goal, REACH),
+    )
     flat = cheapest_moves(half, *ends, _make_straight_moves(columns, allow_corner_cutting))
-    return cells_from_flat(flat, columns, REACH) if flat.size else None
+    return cells_from_flat_indices(flat, columns, REACH) if flat.size else None
 
 
 @cache

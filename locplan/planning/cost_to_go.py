@@ -15,15 +15,15 @@ from locplan.maps.occupancy import FREE, UNKNOWN
 from locplan.planning.costmap import Costmap, check_costs
 from locplan.planning.grid import (
     GridPlanner,
-    bordered_index,
-    cells_from_flat,
+    cells_from_flat_indices,
+    find_bordered_index,
     grid_path,
     iterate_bands,
 )
 from locplan.planning.path import Path
 from locplan.planning.protocol import PlannerResult, Position
 from locplan.planning.results import Plan, make_plan
-from locplan.planning.robot_fit import unfit_note
+from locplan.planning.robot_fit import describe_ignored_constraints
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,11 +67,11 @@ class CostToGo:
         from locplan._support.kernels.ways import trace_path
 
         columns = self.costs.grid.shape[1] + 2
-        source = bordered_index(self.costs, start, "start")
+        source = find_bordered_index(self.costs, start, "start")
         if not np.isfinite(self._bordered[source]):
             return None
         flat = trace_path(self._half, columns, self._bordered, source, self.allow_corner_cutting)
-        return cells_from_flat(flat[::-1], columns)
+        return cells_from_flat_indices(flat[::-1], columns)
 
     def path(self, start: Position) -> Path | None:
         """Return the grid planner's path of least cost, or None if there is none.
@@ -110,7 +110,7 @@ class CostToGo:
         began = time.perf_counter()
         cells, planner_result = self.cells(start), PlannerResult(status="unreachable")
         if cells is not None:
-            note = unfit_note("grid", self.costs.robot)
+            note = describe_ignored_constraints("grid", self.costs.robot)
             planner_result = PlannerResult(self._path_from_cells(cells, start), note=note)
         return make_plan(
             "grid", self.costs, start, self.goal, planner_result, time.perf_counter() - began
@@ -154,13 +154,13 @@ def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = F
     >>> to_goal.path((0.5, 2.5)).xy.tolist()
     [[0.5, 2.5], [2.5, 2.5], [3.5, 3.5]]
     """
-    from locplan._support.kernels.search import compute_shortest_costs, make_bordered_half
+    from locplan._support.kernels.search import compute_shortest_costs, make_bordered_half_density
 
     check_costs(costs)
     GridPlanner().prepare()
     rows, columns = costs.grid.shape[0] + 2, costs.grid.shape[1] + 2
-    half = make_bordered_half(costs.density, 1)
-    target = bordered_index(costs, goal, "goal")
+    half = make_bordered_half_density(costs.density, 1)
+    target = find_bordered_index(costs, goal, "goal")
     bordered = compute_shortest_costs(half, columns, target, -1, allow_corner_cutting)
     cost = bordered.reshape(rows, columns)[1:-1, 1:-1] * costs.grid.resolution
     return CostToGo(costs, goal, cost, allow_corner_cutting, bordered, half)

@@ -26,6 +26,7 @@ from locplan.planning.layers import (
     CostLayers,
     CostSettings,
     HeadingLayers,
+    add_zone_costs,
     block_near_walls,
     check_weight,
     compute_density,
@@ -34,7 +35,6 @@ from locplan.planning.layers import (
     degeneracy,
     make_readonly,
     robot_or_none,
-    with_zones,
 )
 from locplan.robots.robot import Robot, planning_radius
 
@@ -77,7 +77,7 @@ def find_changed_window(
     # A lidar that would stand in a wall is moved by a stride; values are read a stride further.
     halo = field.config.estimator.halo(after.resolution, after.shape) + 2 * field.stride
     reach = max(halo, math.ceil(robot_radius / after.resolution) + 1)
-    rows, cols = (_widen_slice(changed.any(axis=1 - axis), reach) for axis in (0, 1))
+    rows, cols = (_find_widened_slice(changed.any(axis=1 - axis), reach) for axis in (0, 1))
     return rows, cols
 
 
@@ -116,10 +116,10 @@ def crop_field(
     return CovarianceField.from_values(values, crop, field.config), (inside[0], inside[1])
 
 
-def _widen_slice(marked: Bools, reach: int) -> slice:
+def _find_widened_slice(is_marked: Bools, reach: int) -> slice:
     """Return all marked places and those up to `reach` from the first and the last one."""
-    places = np.flatnonzero(marked)
-    return slice(max(0, int(places[0]) - reach), min(marked.size, int(places[-1]) + reach + 1))
+    places = np.flatnonzero(is_marked)
+    return slice(max(0, int(places[0]) - reach), min(is_marked.size, int(places[-1]) + reach + 1))
 
 
 ROBOT_RADIUS = 0.25
@@ -199,7 +199,7 @@ class Costmap(CostLayers, StoredObject):
         )
         u, e = degeneracy(field, criterion, law, headings)
         zones = normalize_zones(zones)
-        density = with_zones(compute_density(u, weight), grid, zones)
+        density = add_zone_costs(compute_density(u, weight), grid, zones)
         return cls(
             grid=grid,
             density=block_near_walls(density, grid, planning_radius(robot)),
@@ -271,7 +271,7 @@ class Costmap(CostLayers, StoredObject):
             robot_or_none(robot),
         )
         density = block_near_walls(
-            with_zones(compute_density(of_u, weight), grid, zones), grid, radius
+            add_zone_costs(compute_density(of_u, weight), grid, zones), grid, radius
         )
         return cls(grid, density, float(weight), radius, of_u, of_e, robot=robot_model, zones=zones)
 
@@ -317,7 +317,7 @@ class Costmap(CostLayers, StoredObject):
             )
         values[~grid.free] = np.inf
         zones = normalize_zones(zones)
-        values = block_near_walls(with_zones(values, grid, zones), grid, planning_radius(robot))
+        values = block_near_walls(add_zone_costs(values, grid, zones), grid, planning_radius(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
         radius, robot_model = planning_radius(robot), robot_or_none(robot)
         return cls(
@@ -403,12 +403,12 @@ class Costmap(CostLayers, StoredObject):
             raise ConfigError("the field has another config than the costmap; make a new costmap")
         window = join_windows(window, find_changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.is_interpolated.any():
-            costs = self._remake(field, settings, self.zones)
+            costs = self._make_from_field(field, settings, self.zones)
             return dataclasses.replace(costs, robot=self.robot)
         arrays = {name: getattr(self, name) for name in LAYERS}
         if window:
             part, inside = crop_field(field, window, self.robot_radius)
-            costs = self._remake(part, settings, Zones())
+            costs = self._make_from_field(part, settings, Zones())
             for name in LAYERS:
                 arrays[name] = arrays[name].copy()
                 arrays[name][window] = getattr(costs, name)[inside]
@@ -426,7 +426,9 @@ class Costmap(CostLayers, StoredObject):
             of_heading=HeadingLayers.from_field(field, settings),
         )
 
-    def _remake(self, field: CovarianceField, settings: CostSettings, zones: Zones) -> Costmap:
+    def _make_from_field(
+        self, field: CovarianceField, settings: CostSettings, zones: Zones
+    ) -> Costmap:
         """Make a costmap of another field with the weight and radius of this one."""
         return Costmap.from_field(
             field,

@@ -24,7 +24,7 @@ from locplan._support.drawing import (
     PATH_STYLES,
     RECOMMENDED,
     LineStyle,
-    Picture,
+    NotebookFigure,
     draw_field_bar,
     label_with_plain_numbers,
     make_logarithmic,
@@ -83,7 +83,7 @@ def format_request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
     return ", ".join([*parts, f"robot radius {radius}"])
 
 
-def info_figure(description: MapInfo) -> Figure:
+def map_info_figure(description: MapInfo) -> Figure:
     """Draw the map with numbered grid lines [m], its rooms tinted, and its places named.
 
     Parameters
@@ -298,7 +298,7 @@ def draw_path_colour_bar(
     label_with_plain_numbers(bar.ax.yaxis)
 
 
-def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
+def draw_start_and_goal(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
     """Draw start (circle) and goal (star), each with an arrow if it has a heading.
 
     Parameters
@@ -318,7 +318,7 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
 
 
 def list_end_handles() -> list[Line2D]:
-    """Return the legend's entries of start and goal, as `draw_ends` draws them.
+    """Return the legend's entries of start and goal, as `draw_start_and_goal` draws them.
 
     Returns
     -------
@@ -470,14 +470,14 @@ class StyledPath(NamedTuple):
 
 def _make_map_and_plot(
     grid: OccupancyGrid, paths: Sequence[Path], height: float
-) -> tuple[Picture, Axes, Axes, OccupancyGrid]:
+) -> tuple[NotebookFigure, Axes, Axes, OccupancyGrid]:
     """Make a figure with Axes for a map and, below, for a plot of some height [inch].
 
     The last value is the part of the map to draw: the surroundings of the paths if they are small.
     """
     part = zoom_map(grid, paths)
     wide, high = compute_figure_size(part)
-    figure = Picture(figsize=(wide, high + height + 0.2), layout="constrained")
+    figure = NotebookFigure(figsize=(wide, high + height + 0.2), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(high, height))
     return figure, upper, lower, part
 
@@ -485,7 +485,7 @@ def _make_map_and_plot(
 def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
     """Draw the ends and the waypoints of all plans."""
     for plan in plans.values():
-        draw_ends(axes, plan.start, plan.goal)
+        draw_start_and_goal(axes, plan.start, plan.goal)
         if plan.via:
             stops = np.array([pose[:2] for pose in plan.via])
             _draw_marker(axes, stops.T, "s", size=6)
@@ -603,7 +603,7 @@ def path_figure(plan: Plan) -> Figure:
     draw_inset(axes, plan.costs.grid, part, paths)
     if plan.path is not None:
         draw_path(axes, plan.path, color=RECOMMENDED)
-    draw_ends(axes, plan.start, plan.goal)
+    draw_start_and_goal(axes, plan.start, plan.goal)
     return figure
 
 
@@ -709,7 +709,7 @@ def front_figure(front: ParetoFront) -> Figure:
         assert path is not None
         color = colours(norm(front.length[index]))
         draw_path(upper, path, color=color, linewidth=width, path_effects=effects)
-    draw_ends(upper, front.start, front.goal)
+    draw_start_and_goal(upper, front.start, front.goal)
     if handles := draw_zones(upper, front.costs.zones, part):
         figure.key(handles, ncols=3)
     epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
@@ -742,7 +742,7 @@ def history_figure(plans: Mapping[str, Plan]) -> Figure:
     plans : mapping of str to Plan
         At most four plans with a history, by the name to show.
     """
-    figure = Picture(figsize=(7, 4), layout="constrained")
+    figure = NotebookFigure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
     for (label, plan), style in zip(plans.items(), PATH_STYLES, strict=False):
         if not plan.history:

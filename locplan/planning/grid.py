@@ -26,7 +26,7 @@ def grid_path(
     costs: Costmap, cells: Ints, start: Position, goal: Position, allow_corner_cutting: bool = False
 ) -> Path:
     """Return the path over the centres of cells (n, 2), or the straight line if it costs less."""
-    path = path_through_centres(costs, cells, start, goal)
+    path = make_path_through_centres(costs, cells, start, goal)
     line = find_straight_line(costs, start, goal, allow_corner_cutting)
     return path if line is None or path_cost(costs, path) < path_cost(costs, line) else line
 
@@ -40,7 +40,7 @@ def find_straight_line(
     in the way, or if both are centres: then a path over centres is this line.
     """
     from locplan._support.kernels.rays import compute_segment_cost
-    from locplan._support.kernels.search import make_bordered_half
+    from locplan._support.kernels.search import make_bordered_half_density
 
     xy = np.array([start[:2], goal[:2]], np.float64)
     cells = np.array([costs.find_cell(start[:2]), costs.find_cell(goal[:2])])
@@ -52,14 +52,14 @@ def find_straight_line(
     # The cells around the line: of a large map only these are looked at.
     corner = np.maximum(cells.min(axis=0) - 1, 0)
     (row, col), (bottom, right) = corner.tolist(), (cells.max(axis=0) + 2).tolist()
-    half = make_bordered_half(costs.density[row:bottom, col:right], 1)
+    half = make_bordered_half_density(costs.density[row:bottom, col:right], 1)
     width = min(right, costs.grid.shape[1]) - col + 2
     ends = np.column_stack(costs.grid.world_to_grid(*xy.T)) - corner + 1
     cost = compute_segment_cost(half, width, *ends[0], *ends[1], allow_corner_cutting)
     return drop_repeated_positions(costs, xy) if np.isfinite(cost) else None
 
 
-def path_through_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
+def make_path_through_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
     """Return a path from start over the centres of cells (n, 2) to goal, reduced to its turns.
 
     Without cells it is the straight line.
@@ -119,10 +119,10 @@ class PaddedCostmap:
         costs : Costmap
             The costmap.
         """
-        from locplan._support.kernels.search import make_bordered_half, measure_costs
+        from locplan._support.kernels.search import make_bordered_half_density, measure_cost_scale
 
-        half = make_bordered_half(costs.density, 1)
-        return cls(half, costs.grid.shape[1] + 2, measure_costs(half))
+        half = make_bordered_half_density(costs.density, 1)
+        return cls(half, costs.grid.shape[1] + 2, measure_cost_scale(half))
 
     def unflatten(self, flat: Ints) -> Ints:
         """Return the rows and columns of cells, (n, 2).
@@ -132,7 +132,7 @@ class PaddedCostmap:
         flat : (n,) array of int
             Indices of the cells in `half`.
         """
-        return cells_from_flat(flat, self.columns)
+        return cells_from_flat_indices(flat, self.columns)
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class GridPlanner:
 
     def prepare(self) -> None:
         """Compile the search, so that the first plan is not timed with it."""
-        self.solve(blank_costs(1, 3), (0.5, 0.5), (2.5, 0.5))
+        self.solve(make_blank_costs(1, 3), (0.5, 0.5), (2.5, 0.5))
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan between two world positions [m] in free cells; the path has exactly these ends.
@@ -186,7 +186,7 @@ class AStar(GridPlanner):
     Examples
     --------
     >>> from locplan.planning import plan
-    >>> costs = blank_costs(9, 9)
+    >>> costs = make_blank_costs(9, 9)
     >>> plan(costs, (0.5, 4.5), (8.5, 4.5), planner="astar").expanded
     21
     >>> plan(costs, (0.5, 4.5), (8.5, 4.5), planner="dijkstra").expanded
@@ -205,7 +205,7 @@ class Dijkstra(GridPlanner):
     guided: ClassVar[bool | None] = False
 
 
-def blank_costs(rows: int, columns: int) -> Costmap:
+def make_blank_costs(rows: int, columns: int) -> Costmap:
     """Return a small free costmap with cells of 1 m, to compile the kernels on."""
     from locplan.maps.grid import OccupancyGrid
     from locplan.maps.occupancy import FREE
@@ -231,7 +231,7 @@ def find_cheapest_cells(
     from locplan._support.kernels.search import search_grid
     from locplan._support.kernels.ways import trace_path
 
-    source, target = bordered_ends(costs, start, goal)
+    source, target = find_bordered_end_indices(costs, start, goal)
     bordered = bordered or PaddedCostmap.from_costmap(costs)
     half, columns, scale = bordered.half, bordered.columns, bordered.scale
     if guided is None:
@@ -241,7 +241,7 @@ def find_cheapest_cells(
     if not np.isfinite(cost[target]):
         return None, expanded
     flat = trace_path(half, columns, cost, target, allow_corner_cutting)
-    return cells_from_flat(flat, columns), expanded
+    return cells_from_flat_indices(flat, columns), expanded
 
 
 def label_connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
@@ -342,15 +342,15 @@ def find_map_parts(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Ar
     return cells, part_map
 
 
-def bordered_ends(
+def find_bordered_end_indices(
     costs: Costmap, start: Position, goal: Position, border: int = 1
 ) -> tuple[int, int]:
     """Return the flat indices, in a grid with a border, of the start's and the goal's cell."""
-    source = bordered_index(costs, start, "start", border)
-    return source, bordered_index(costs, goal, "goal", border)
+    source = find_bordered_index(costs, start, "start", border)
+    return source, find_bordered_index(costs, goal, "goal", border)
 
 
-def bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> int:
+def find_bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> int:
     """Return the flat index, in a grid with a border, of the cell at a world position.
 
     Parameters
@@ -368,6 +368,6 @@ def bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> 
     return (row + border) * (costs.grid.shape[1] + 2 * border) + col + border
 
 
-def cells_from_flat(flat: Ints, columns: int, border: int = 1) -> Ints:
+def cells_from_flat_indices(flat: Ints, columns: int, border: int = 1) -> Ints:
     """Return the cells (n, 2) of (row, col) at flat indices in a grid with a border."""
     return np.column_stack([flat // columns - border, flat % columns - border])

@@ -13,9 +13,9 @@ import numpy as np
 from locplan._support.checks import check_integer, check_number, check_positive, short_repr
 from locplan.errors import ConfigError
 from locplan.planning.costmap import Costmap
-from locplan.planning.grid import blank_costs
+from locplan.planning.grid import make_blank_costs
 from locplan.planning.protocol import LATTICE, PlannerResult, Position
-from locplan.planning.smoothing import GEAR_CHANGE, REVERSE, TURN, Smoother
+from locplan.planning.smoothing import GEAR_CHANGE, REVERSE, TURN, PathSmoother
 from locplan.robots.parts import Footprint
 from locplan.robots.robot import Robot
 
@@ -35,7 +35,7 @@ class Lattice:
     Examples
     --------
     >>> from locplan.planning import plan
-    >>> plan(blank_costs(9, 9), (1.5, 4.5), (7.5, 4.5, 0.0), planner="lattice").status
+    >>> plan(make_blank_costs(9, 9), (1.5, 4.5), (7.5, 4.5, 0.0), planner="lattice").status
     'solved'
     """
 
@@ -73,7 +73,7 @@ class Lattice:
     def prepare(self) -> None:
         """Compile the kernels, so that the first plan is not timed with them."""
         square = Footprint(np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) / 4)
-        costs = dataclasses.replace(blank_costs(9, 9), robot=Robot(footprint=square))
+        costs = dataclasses.replace(make_blank_costs(9, 9), robot=Robot(footprint=square))
         self.solve(costs, (1.5, 1.5), (7.5, 1.5))
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
@@ -114,7 +114,7 @@ class Lattice:
         planner_result = search.find_path(start, goal)
         if planner_result.path is None or not self.smooth:
             return planner_result
-        smoother = Smoother(costs, costs.robot, self.reverse, self.gear_change, self.turn_cost)
+        smoother = PathSmoother(costs, costs.robot, self.reverse, self.gear_change, self.turn_cost)
         at_goal = costs.find_cell(planner_result.path.xy[-1].tolist()) == costs.find_cell(goal[:2])
         path = smoother.smooth(planner_result.path, start, goal if at_goal else None)
         return dataclasses.replace(planner_result, path=path)

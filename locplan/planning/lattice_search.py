@@ -20,8 +20,8 @@ from locplan.planning.costmap import Costmap
 from locplan.planning.grid import find_cheapest_cells
 from locplan.planning.kernels import lattice as kernels
 from locplan.planning.kernels.bit_masks import WORD, add_runs, widen_bits
-from locplan.planning.kernels.lattice import BACKWARD, EITHER, FORWARD, LatticeGround, LatticeMoves
-from locplan.planning.metrics import crossed_cells
+from locplan.planning.kernels.lattice import BACKWARD, EITHER, FORWARD, LatticeCostmap, LatticeMoves
+from locplan.planning.metrics import find_cells_of_path
 from locplan.planning.path import Path
 from locplan.planning.protocol import PlannerResult, Position
 from locplan.robots.parts import Footprint, Kinematics
@@ -38,7 +38,7 @@ ARC_STEP = 0.025
 
 
 @dataclass(frozen=True)
-class Primitive:
+class MotionPrimitive:
     """A motion from the centre of cell (0, 0) to the centre of a cell."""
 
     source: int
@@ -90,7 +90,7 @@ def _list_directions(headings: int) -> list[tuple[int, int]]:
 @lru_cache(maxsize=32)
 def make_primitives(
     headings: int, radius: float, sideways: bool, span: int = 1
-) -> tuple[Primitive, ...]:
+) -> tuple[MotionPrimitive, ...]:
     """Return the primitives of all headings, sorted by the heading that they begin with.
 
     Parameters
@@ -108,23 +108,28 @@ def make_primitives(
     motion_primitives = []
     for source, ahead in enumerate(directions):
         start, angle = (0.0, 0.0, angles[source]), angles[source]
-        motion_primitives.append(Primitive(source, source, (start, (*map(float, ahead), angle))))
+        motion_primitives.append(
+            MotionPrimitive(source, source, (start, (*map(float, ahead), angle)))
+        )
         for steps in (*range(1, span + 1), *range(-1, -span - 1, -1)):
             target = (source + steps) % headings
             for poses in _make_turns(ahead, directions[target], angle, radius):
-                motion_primitives.append(Primitive(source, target, poses))
+                motion_primitives.append(MotionPrimitive(source, target, poses))
         for quarter in (1, 3) if sideways else ():
             direction = directions[(source + quarter * headings // 4) % headings]
             poses = start, (*map(float, direction), angle)
-            motion_primitives.append(Primitive(source, source, poses, sideways=True))
+            motion_primitives.append(MotionPrimitive(source, source, poses, sideways=True))
     return tuple(motion_primitives)
 
 
 def _make_turns(
-    ahead: tuple[int, int], after: tuple[int, int], heading: float, radius: float
+    first_direction: tuple[int, int],
+    second_direction: tuple[int, int],
+    heading: float,
+    radius: float,
 ) -> list[tuple[tuple[float, float, float], ...]]:
     """Return the poses of the turns from one direction to another."""
-    (x, y), (x1, y1) = ahead, after
+    (x, y), (x1, y1) = first_direction, second_direction
     cross = x * y1 - y * x1
     turn = math.atan2(cross, x * x1 + y * y1)
     long, long1 = math.hypot(x, y), math.hypot(x1, y1)
@@ -145,14 +150,14 @@ def _make_turns(
 
 
 def _sample_turn(
-    heading: float, turn: float, along: float, along1: float, end: tuple[float, float]
+    heading: float, turn: float, length_before: float, length_after: float, end: tuple[float, float]
 ) -> tuple[tuple[float, float, float], ...]:
     """Return poses along a straight piece, an arc, and a straight piece."""
-    tangent = min(along, along1)
+    tangent = min(length_before, length_after)
     radius, side = tangent / math.tan(abs(turn) / 2), math.copysign(1.0, turn)
     cos, sin = math.cos(heading), math.sin(heading)
     poses = [(0.0, 0.0, heading)]
-    begin = along - tangent
+    begin = length_before - tangent
     steps = max(1, math.ceil(abs(turn) / ARC_STEP)) if radius > 1e-9 else 1
     for n in range(steps + 1):
         angle = abs(turn) * n / steps
@@ -166,7 +171,7 @@ def _sample_turn(
 
 
 def compute_reach(
-    motion_primitives: tuple[Primitive, ...], outline: Footprint | None, resolution: float
+    motion_primitives: tuple[MotionPrimitive, ...], outline: Footprint | None, resolution: float
 ) -> int:
     """Return the distance [cells], rounded up, from a primitive's start to its farthest point."""
     body = 0.0 if outline is None else outline.circumscribed_radius / resolution
@@ -178,7 +183,7 @@ def compute_reach(
     return math.ceil(far + body) + 2
 
 
-def find_centre_cells(primitive: Primitive) -> Ints:
+def find_centre_cells(primitive: MotionPrimitive) -> Ints:
     """Return the cells (n, 2) of (row, col) that the centre crosses, or touches at a corner."""
     row, col, _, _ = _find_crossed_cells(primitive, 1, 0.0)
     cells = [np.column_stack([row, col])]
@@ -189,13 +194,13 @@ def find_centre_cells(primitive: Primitive) -> Ints:
 
 
 def _find_crossed_cells(
-    primitive: Primitive, layers: int, yaw: float
+    primitive: MotionPrimitive, layers: int, yaw: float
 ) -> tuple[Array, Array, Array, Array]:
     """Return rows, columns, layers and lengths of the cells that the centre crosses [cells]."""
     poses = np.array(primitive.poses)
     unit = OccupancyGrid(np.full((1, 1), FREE), 1.0)
     path = Path(poses[:, :2] + 0.5, poses[:, 2] + yaw)
-    layer, row, col, length = crossed_cells(unit, path, layers)
+    layer, row, col, length = find_cells_of_path(unit, path, layers)
     return row, col, layer, length
 
 
@@ -212,7 +217,7 @@ class MotionPrices:
 
 
 def make_moves(
-    motion_primitives: tuple[Primitive, ...],
+    motion_primitives: tuple[MotionPrimitive, ...],
     kinematics: Kinematics,
     prices: MotionPrices,
     costs: Costmap,
@@ -224,7 +229,7 @@ def make_moves(
     """
     yaw, turn = costs.grid.origin[2], prices.turn / costs.grid.resolution
     slots, motions = (
-        compute_slots(motion_primitives),
+        number_primitives_per_heading(motion_primitives),
         _list_motions(motion_primitives, kinematics.reverse),
     )
     crossed, lengths, rest = [], [], []
@@ -253,7 +258,7 @@ def make_moves(
 
 
 def _list_motions(
-    motion_primitives: tuple[Primitive, ...], reverse: bool
+    motion_primitives: tuple[MotionPrimitive, ...], reverse: bool
 ) -> list[tuple[int, bool]]:
     """Return the number of each primitive, and if it is driven reversed, by the first heading."""
     ahead = [
@@ -269,7 +274,7 @@ def _list_motions(
 
 
 def _index_crossed_cells(
-    primitive: Primitive, back: bool, shape: tuple[int, ...], yaw: float
+    primitive: MotionPrimitive, back: bool, shape: tuple[int, ...], yaw: float
 ) -> tuple[Array, Array]:
     """Return the offset of each crossed cell from the first, by layers, and its length."""
     layers, rows, columns = shape
@@ -280,7 +285,7 @@ def _index_crossed_cells(
 
 
 @lru_cache(maxsize=32)
-def compute_slots(motion_primitives: tuple[Primitive, ...]) -> list[int]:
+def number_primitives_per_heading(motion_primitives: tuple[MotionPrimitive, ...]) -> list[int]:
     """Return the index of each primitive among the primitives of its heading."""
     slots: list[int] = []
     for primitive in motion_primitives:
@@ -298,11 +303,11 @@ def _pad_rows(rows: list[Array], dtype: type) -> Array:
     return result
 
 
-def make_lattice_ground(
-    motion_primitives: tuple[Primitive, ...],
+def make_lattice_costmap(
+    motion_primitives: tuple[MotionPrimitive, ...],
     outline: Footprint | None,
     costs: Costmap,
-) -> LatticeGround:
+) -> LatticeCostmap:
     """Return the density that motions cross, and masks of the cells where primitives are blocked.
 
     A primitive is free where no cell that the outline sweeps is occupied, and the centre crosses
@@ -314,11 +319,11 @@ def make_lattice_ground(
     centres = [
         np.insert(find_centre_cells(primitive), 2, 1, axis=1) for primitive in motion_primitives
     ]
-    _add_masks(masks, np.isinf(density[0]), centres, motion_primitives, outside=True)
+    _add_primitive_masks(masks, np.isinf(density[0]), centres, motion_primitives, outside=True)
     half = np.array(density).reshape(-1) / 2
     free = half[np.isfinite(half)]
     cheapest = 2 * float(free.min()) if free.size else 1.0
-    return LatticeGround(
+    return LatticeCostmap(
         half,
         masks,
         rows,
@@ -342,11 +347,11 @@ def _find_least_density_nearby(density: Array, reach: int) -> Singles:
 
 @lru_cache(maxsize=4)
 def make_outline_masks(
-    grid: OccupancyGrid, outline: Footprint | None, motion_primitives: tuple[Primitive, ...]
+    grid: OccupancyGrid, outline: Footprint | None, motion_primitives: tuple[MotionPrimitive, ...]
 ) -> Words:
     """Return bits (headings, rows, words, slots), set if a primitive from a cell is blocked."""
     rows, columns = grid.shape
-    slots = max(compute_slots(motion_primitives)) + 1
+    slots = max(number_primitives_per_heading(motion_primitives)) + 1
     masks: Words = np.zeros(
         (motion_primitives[-1].source + 1, rows, -(-columns // WORD), slots), np.uint64
     )
@@ -361,30 +366,30 @@ def make_outline_masks(
             for swept_cells in motion_primitives
         ]
         runs = [_find_runs(swept_cells, reach) for swept_cells in cells]
-        _add_masks(masks, grid.cells == OCCUPIED, runs, motion_primitives, outside=False)
+        _add_primitive_masks(masks, grid.cells == OCCUPIED, runs, motion_primitives, outside=False)
     masks.setflags(write=False)
     return masks
 
 
-def _add_masks(
+def _add_primitive_masks(
     masks: Words,
     plane: Array,
     runs: list[Ints],
-    motion_primitives: tuple[Primitive, ...],
+    motion_primitives: tuple[MotionPrimitive, ...],
     *,
     outside: bool,
 ) -> None:
     """Set the bits of cells if the runs of cells of a primitive meet a plane there."""
     farthest = max(int(np.abs(primitive).max()) + int(primitive[:, 2].max()) for primitive in runs)
     margin = WORD * math.ceil(farthest / WORD)
-    wide = widen_bits(_pack_bits(plane, margin, masks.shape[2], outside))
+    wide = widen_bits(_pack_bordered_bits(plane, margin, masks.shape[2], outside))
     for primitive, slot, primitive_runs in zip(
-        motion_primitives, compute_slots(motion_primitives), runs, strict=True
+        motion_primitives, number_primitives_per_heading(motion_primitives), runs, strict=True
     ):
         add_runs(masks, wide, primitive_runs, np.array([primitive.source, slot]), margin)
 
 
-def _pack_bits(plane: Array, margin: int, words: int, outside: bool) -> Array:
+def _pack_bordered_bits(plane: Array, margin: int, words: int, outside: bool) -> Array:
     """Return the bits of a plane with a margin [cells] around the map, (rows, words)."""
     rows, columns = plane.shape
     wide = np.full((rows + 2 * margin, 64 * (words + 1) + 2 * margin), outside)
@@ -429,12 +434,14 @@ class LatticeSearch:
         self._primitives = tuple(
             primitive for primitive in all_primitives if not _leaves_grid(primitive, grid.shape)
         )
-        ground = make_lattice_ground(self._primitives, robot.outline if robot else None, costs)
+        ground = make_lattice_costmap(self._primitives, robot.outline if robot else None, costs)
         moves, self._motions = make_moves(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
-        terms = kernels.LatticeTerms(1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0)
+        terms = kernels.LatticeConstants(
+            1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0
+        )
         self.graph = kernels.StateGraph(ground, moves, terms)
-        reversible = len(costs.density_of_heading) == 1 and _is_reversible(robot)
+        reversible = len(costs.density_of_heading) == 1 and _is_half_turn_symmetric(robot)
         self._project_moves = self.graph._replace(moves=_project_moves(moves, reversible))
         self._size = grid.shape[0] * grid.shape[1]
 
@@ -496,21 +503,21 @@ class LatticeSearch:
 
     def compute_bounds(self, targets: list[int], source: int) -> Array:
         """Return lower bounds of the cost from cells to any target, final up to cell `source`."""
-        bound, graph = np.full(self._size, np.inf, np.float32), self._project_moves
+        cost_to_go, graph = np.full(self._size, np.inf, np.float32), self._project_moves
         queue = kernels.make_queue(self._count_buckets(1.0), 0)
         for target in targets:
-            bound[target] = 0.0
+            cost_to_go[target] = 0.0
             kernels.put_state(queue, target, 0)
         self._run_kernel(
-            lambda queue, max_expansions: kernels.project_cells(
-                queue, graph, bound, source, max_expansions
+            lambda queue, max_expansions: kernels.search_cells_backward(
+                queue, graph, cost_to_go, source, max_expansions
             ),
             queue,
         )
-        return bound
+        return cost_to_go
 
     def explore_costs(
-        self, start: Position, bound: Array, graph: kernels.StateGraph
+        self, start: Position, cost_to_go: Array, graph: kernels.StateGraph
     ) -> tuple[Array, int, int]:
         """Return the costs of the search over states, the last state or -1, and the expansions."""
         terms, source = graph.terms, self._index_cell(start)
@@ -523,11 +530,11 @@ class LatticeSearch:
                 state = source * layers + gear * len(self._angles) + heading
                 cost[state] = 1.0
                 kernels.put_state(queue, state, lowest)
-                if bound[source] == 0 and (terms.goal_headings >> heading) & 1:
+                if cost_to_go[source] == 0 and (terms.goal_headings >> heading) & 1:
                     queue.state[kernels.BEST] = state  # the start is the goal
         queue = self._run_kernel(
-            lambda queue, max_expansions: kernels.explore_states(
-                queue, graph, bound, cost, max_expansions
+            lambda queue, max_expansions: kernels.search_states(
+                queue, graph, cost_to_go, cost, max_expansions
             ),
             queue,
         )
@@ -535,10 +542,10 @@ class LatticeSearch:
         return cost, int(numbers[kernels.BEST]), int(numbers[kernels.EXPANDED])
 
     def _run_kernel(
-        self, step: Callable[[kernels.StateQueue, int], int], queue: kernels.StateQueue
+        self, run_step: Callable[[kernels.StateQueue, int], int], queue: kernels.StateQueue
     ) -> kernels.StateQueue:
         """Run a kernel until it has finished, adding memory and watching the time limit."""
-        while (status := step(queue, STRETCH)) != kernels.FINISHED:
+        while (status := run_step(queue, STRETCH)) != kernels.FINISHED:
             if status == kernels.OUT_OF_ROOM:
                 queue = kernels.grow_queue(queue)
             elif time.perf_counter() > self._until:
@@ -600,13 +607,13 @@ class LatticeSearch:
         return PlannerResult(status="infeasible", note=note, expanded=expanded)
 
 
-def _leaves_grid(motion: Primitive, shape: tuple[int, ...]) -> bool:
+def _leaves_grid(motion: MotionPrimitive, shape: tuple[int, ...]) -> bool:
     """Return True if a motion turns too wide for a map of a shape, from every cell."""
     turns = motion.source != motion.target
     return turns and any(abs(n) >= size for n, size in zip(motion.end, shape, strict=True))
 
 
-def _is_reversible(robot: Robot | None) -> bool:
+def _is_half_turn_symmetric(robot: Robot | None) -> bool:
     """Return True if a robot covers the same cells when it is turned by 180 degrees."""
     if robot is None or robot.outline is None:
         return True

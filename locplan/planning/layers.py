@@ -26,7 +26,7 @@ from locplan.field.config import FieldConfig
 from locplan.field.covariance import SCALARS
 from locplan.field.field import CovarianceField
 from locplan.field.sad import Sad
-from locplan.maps.grid import OccupancyGrid, extent_text
+from locplan.maps.grid import OccupancyGrid, format_extent
 from locplan.maps.occupancy import OCCUPIED, UNKNOWN
 from locplan.maps.zones import Zones
 from locplan.robots.robot import Robot
@@ -181,7 +181,7 @@ class CostLayers(DrawableResult):
         """`density` also where only the robot's radius blocks a cell, if there is a field."""
         if math.isnan(self.weight):
             return self.density
-        return with_zones(compute_density(self.u, self.weight), self.grid, self.zones)
+        return add_zone_costs(compute_density(self.u, self.weight), self.grid, self.zones)
 
     @property
     def max_excess(self) -> float:
@@ -293,7 +293,7 @@ class CostLayers(DrawableResult):
     def _find_cell_fault(self, row: int, col: int) -> str | None:
         """Return the reason why a robot cannot stand in a cell; None if it can."""
         if not self.grid.contains(row, col):
-            return f"lies outside the map, which reaches from {extent_text(self.grid)}"
+            return f"lies outside the map, which reaches from {format_extent(self.grid)}"
         if np.isfinite(self.density[row, col]):
             return None
         level = self.grid.cells[row, col]
@@ -390,7 +390,7 @@ def compute_density(u: Floats, weight: float) -> Floats:
     return density
 
 
-def with_zones(density: Floats, grid: OccupancyGrid, zones: Zones) -> Floats:
+def add_zone_costs(density: Floats, grid: OccupancyGrid, zones: Zones) -> Floats:
     """Add the cost of zones to a density: infinite in no-go ones, 1 outside preferred ones."""
     if zones.max_cost_per_metre:
         density += zones.cost_per_metre(grid)

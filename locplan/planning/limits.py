@@ -49,7 +49,7 @@ class LimitedPlanner(PlannerWrapper):
         """Plan within all limits."""
         stops = start, *self.via, goal
         return (
-            self._plan_clear(costs, stops)
+            self._plan_for_outline(costs, stops)
             if self.max_e is None
             else self._plan_below_max_e(costs, stops)
         )
@@ -59,25 +59,25 @@ class LimitedPlanner(PlannerWrapper):
         assert self.max_e is not None
         allowed, planner_result = _block_high_e(costs, self.max_e), None
         if _are_free(allowed, stops):
-            planner_result = self._plan_clear(allowed, stops)
+            planner_result = self._plan_for_outline(allowed, stops)
             if planner_result.path is not None:
                 return planner_result
         lowest_max_e = self._find_least_max_e(self._make_thin_costmap(costs), stops)
         if lowest_max_e is None or lowest_max_e <= self.max_e:  # max_e is not the reason
-            return planner_result or self._plan_clear(costs, stops)
+            return planner_result or self._plan_for_outline(costs, stops)
         any_will_do = self.outline is None and self.space not in CURVED
         verdict = "would do" if any_will_do else "is needed at least"
         note = f"every path enters cells with e above {self.max_e:g};"
         note += f" max_e {format_rounded_up(lowest_max_e)} {verdict}"
         return PlannerResult(status="infeasible", feasible_from=lowest_max_e, note=note)
 
-    def _plan_clear(self, costs: Costmap, stops: Sequence[Position]) -> PlannerResult:
+    def _plan_for_outline(self, costs: Costmap, stops: Sequence[Position]) -> PlannerResult:
         """Plan for the outline's inscribed circle, the circumscribed one, or the outline itself."""
         if self.outline is None:
             return self._plan_legs(costs, stops)
         if self.space == LATTICE:
-            return self._plan_exactly(costs, stops, self.planner)
-        planner_result, gave_up, meets = self._try_circles(costs, stops)
+            return self._plan_by_lattice(costs, stops, self.planner)
+        planner_result, gave_up, meets = self._plan_for_circles(costs, stops)
         if planner_result is not None:
             return planner_result
         if not self._can_join(self._make_thin_costmap(costs), stops):
@@ -89,7 +89,7 @@ class LimitedPlanner(PlannerWrapper):
             return PlannerResult(status="infeasible", note=note)
         if self.space == "R2" and gave_up is None:
             limit = getattr(self.planner, "time_limit", None)
-            planner_result = self._plan_exactly(costs, stops, Lattice(time_limit=limit))
+            planner_result = self._plan_by_lattice(costs, stops, Lattice(time_limit=limit))
             if planner_result.path is not None:
                 note = "planned by the lattice for the footprint itself: no path of its inner or"
                 note += " outer circle is clear of walls"
@@ -98,9 +98,9 @@ class LimitedPlanner(PlannerWrapper):
                 )
             if planner_result.status == "timeout":
                 return planner_result
-        return gave_up or self._describe_search(costs, meets)
+        return gave_up or self._describe_failed_search(costs, meets)
 
-    def _try_circles(
+    def _plan_for_circles(
         self, costs: Costmap, stops: Sequence[Position]
     ) -> tuple[PlannerResult | None, PlannerResult | None, tuple[float, float] | None]:
         """Return a circle's path that is clear for the outline, or None without one.
@@ -133,7 +133,7 @@ class LimitedPlanner(PlannerWrapper):
             meets = meets or collision
         return None, gave_up, meets
 
-    def _plan_exactly(
+    def _plan_by_lattice(
         self, costs: Costmap, stops: Sequence[Position], planner: Planner
     ) -> PlannerResult:
         """Plan for the outline itself, by a lattice."""
@@ -142,7 +142,9 @@ class LimitedPlanner(PlannerWrapper):
         outline_costs = dataclasses.replace(costs, robot=robot)
         return dataclasses.replace(self, planner=planner)._plan_legs(outline_costs, stops)
 
-    def _describe_search(self, costs: Costmap, meets: tuple[float, float] | None) -> PlannerResult:
+    def _describe_failed_search(
+        self, costs: Costmap, meets: tuple[float, float] | None
+    ) -> PlannerResult:
         """Return the description of a failed search with an outline, for a plan's note."""
         assert self.outline is not None
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius

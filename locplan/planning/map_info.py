@@ -13,7 +13,7 @@ import numpy as np
 
 from locplan._support.kernels.arrays import Array, Bools
 from locplan._support.public import DrawableResult
-from locplan._support.records import POSITION, Column, Table
+from locplan._support.records import POSITION, Table, TableColumn
 from locplan._support.tables import format_area, format_table
 from locplan.maps import environments
 from locplan.maps.files import MapSource, read_map
@@ -59,7 +59,7 @@ def find_main_part(
     """
     if not areas:
         return 0, None
-    outside = find_surroundings(room_of_cell, len(areas))
+    outside = find_outside_room(room_of_cell, len(areas))
     if not outside:
         return 1, None
     inner = [number for number in range(1, len(areas) + 1) if number != outside]
@@ -71,7 +71,7 @@ def find_main_part(
     return (outside, indoor) if indoor_area > largest else (inner[0], None)
 
 
-def find_surroundings(room_of_cell: Array, count: int) -> int:
+def find_outside_room(room_of_cell: Array, count: int) -> int:
     """Return the number of the room along most of the image's border, or 0 without one."""
     border = [room_of_cell[0], room_of_cell[-1], room_of_cell[1:-1, 0], room_of_cell[1:-1, -1]]
     cells = np.bincount(np.concatenate(border), minlength=count + 1)
@@ -197,7 +197,11 @@ class MapInfo(DrawableResult):
 
     def table(self) -> Table:
         """Return the named places."""
-        columns = Column("name", title="place"), *POSITION, Column("room", title="room", digits=0)
+        columns = (
+            TableColumn("name", title="place"),
+            *POSITION,
+            TableColumn("room", title="room", digits=0),
+        )
         return Table.from_records(columns, self.places)
 
     def report(self) -> str:
@@ -282,9 +286,9 @@ class MapInfo(DrawableResult):
 
     def figure(self) -> Figure:
         """Draw the map with numbered grid lines [m], its rooms tinted, and its places named."""
-        from locplan.planning.figures import info_figure
+        from locplan.planning.figures import map_info_figure
 
-        return info_figure(self)
+        return map_info_figure(self)
 
 
 def describe_map(
@@ -367,7 +371,7 @@ def _choose_routes(
     main, cells = find_main_part(grid, room_of_cell, areas)
     if not main:
         return ()
-    outside = find_surroundings(room_of_cell, len(rooms))
+    outside = find_outside_room(room_of_cell, len(rooms))
     side_rooms = [room.number for room in rooms if room.number not in (main, outside)]
     large = areas[main - 1] if cells is None else np.count_nonzero(cells) * grid.resolution**2
     pairs: list[PlacePair] = []

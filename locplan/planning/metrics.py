@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Array, Bools, Floats, Ints
 from locplan._support.progress import ProgressCallback, chain_progress
-from locplan._support.records import Column, Table
+from locplan._support.records import Table, TableColumn
 from locplan._support.saved import EqualByValue
 from locplan.errors import LocplanError
 from locplan.field.config import COARSE_STRIDE, FieldConfig
@@ -29,7 +29,7 @@ MAX_CELLS = 10**7
 """Maximum number of cells that a path may cross."""
 
 
-def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[Array]:
+def find_cells_of_path(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[Array]:
     """Return headings, rows and columns of the cells that a path crosses, and lengths in them [m].
 
     Parameters
@@ -161,16 +161,16 @@ class PathMetrics(EqualByValue):
         )
 
 
-METRICS: tuple[Column, ...] = (
-    Column("length", "m", "length"),
-    Column("cost", "m", "cost J"),
-    Column("integrated_u", "m", "degenerate metres (∫u ds)"),
-    Column("integrated_e", "m² rad m", "∫e ds", 4),
-    Column("mean_e", "m² rad", "mean e", 5),
-    Column("max_e", "m² rad", "max e", 5),
-    Column("degenerate_share", "", f"share with u > {DEGENERATE:g}", 0, "%"),
-    Column("longest_degenerate", "m", f"longest with u > {DEGENERATE:g}"),
-    Column("clearance", "m", "least clearance"),
+METRICS: tuple[TableColumn, ...] = (
+    TableColumn("length", "m", "length"),
+    TableColumn("cost", "m", "cost J"),
+    TableColumn("integrated_u", "m", "degenerate metres (∫u ds)"),
+    TableColumn("integrated_e", "m² rad m", "∫e ds", 4),
+    TableColumn("mean_e", "m² rad", "mean e", 5),
+    TableColumn("max_e", "m² rad", "max e", 5),
+    TableColumn("degenerate_share", "", f"share with u > {DEGENERATE:g}", 0, "%"),
+    TableColumn("longest_degenerate", "m", f"longest with u > {DEGENERATE:g}"),
+    TableColumn("clearance", "m", "least clearance"),
 )
 """Columns of the metrics of a path: its title, unit and digits by the name of the field."""
 
@@ -197,7 +197,7 @@ def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
     layers: list[Any] = [costs.e[None], costs.u[None], costs.density[None]]
     if path.heading is not None and costs.u_of_heading is not None:
         layers = [costs.e_of_heading, costs.u_of_heading, costs.density_of_heading]
-    *at, lengths = crossed_cells(costs.grid, path, len(layers[0]))
+    *at, lengths = find_cells_of_path(costs.grid, path, len(layers[0]))
     e, u = (_sample_layers(layer, at, np.nan) for layer in layers[:2])
     density, clearance = _sample_layers(layers[2], at, np.inf), costs.grid.clearance[None]
     integrated_e, share, longest = float(e @ lengths), np.nan, np.nan
@@ -230,7 +230,7 @@ def crosses_no_go(zones: Zones, grid: OccupancyGrid, path: Path) -> bool:
     """
     if not zones.has_kind("no-go"):
         return False
-    *at, _ = crossed_cells(grid, path, 1)
+    *at, _ = find_cells_of_path(grid, path, 1)
     return bool(_sample_layers(zones.cells(grid, "no-go")[None], at, 0.0).any())
 
 
@@ -314,13 +314,13 @@ def compute_profile(
         If the path crosses over 1e7 cells.
     """
     layers = layer.reshape(-1, *layer.shape[-2:])
-    *at, lengths = crossed_cells(costs.grid, as_path(path), len(layers))
+    *at, lengths = find_cells_of_path(costs.grid, as_path(path), len(layers))
     return np.concatenate([[0.0], np.cumsum(lengths)]), _sample_layers(layers, at, np.nan)
 
 
-def _sample_layers(layers: Array, at: Sequence[Array], outside: float) -> Floats:
+def _sample_layers(layers: Array, cells: Sequence[Array], outside: float) -> Floats:
     """Return the values of layers at headings, rows and columns; `outside` outside the map."""
-    heading, row, col = at
+    heading, row, col = cells
     rows, cols = layers.shape[1:]
     inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
     row, col = np.where(inside, row, 0), np.where(inside, col, 0)
@@ -339,7 +339,7 @@ def _measure_stretches(is_inside: Bools, lengths: Array) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class LidarShare:
+class LidarDegeneracy:
     """A lidar, and how much of the floor is degenerate with it."""
 
     lidar: Lidar
@@ -354,7 +354,7 @@ def compare_lidars(
     *,
     robot: Robot | float = ROBOT_RADIUS,
     progress: ProgressCallback | None = None,
-) -> list[LidarShare]:
+) -> list[LidarDegeneracy]:
     """Find for each lidar how much of a map is degenerate by `Fused`, in its worst heading.
 
     Parameters
@@ -384,11 +384,11 @@ def compare_lidars(
         field = load_or_compute(grid, config, progress=report_progress)
         costs = Costmap.from_field(field, robot=robot, headings="worst")
         u = costs.u[np.isfinite(costs.density)]
-        shares.append(LidarShare(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))
+        shares.append(LidarDegeneracy(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))
     return shares
 
 
-def make_lidar_table(shares: Sequence[LidarShare]) -> Table:
+def make_lidar_table(shares: Sequence[LidarDegeneracy]) -> Table:
     """Return a table that compares lidars.
 
     Parameters
@@ -397,10 +397,10 @@ def make_lidar_table(shares: Sequence[LidarShare]) -> Table:
         What `compare_lidars` returned.
     """
     columns = (
-        Column("title", title="lidar", value=lambda lidar_share: lidar_share.lidar.title),
-        Column("lidar", value=lambda lidar_share: lidar_share.lidar.model),
-        Column("range", "m", value=lambda lidar_share: lidar_share.lidar.range),
-        Column(
+        TableColumn("title", title="lidar", value=lambda lidar_share: lidar_share.lidar.title),
+        TableColumn("lidar", value=lambda lidar_share: lidar_share.lidar.model),
+        TableColumn("range", "m", value=lambda lidar_share: lidar_share.lidar.range),
+        TableColumn(
             "degenerate_share",
             title=f"floor where the robot may get lost (u > {DEGENERATE:g})",
             digits=0,

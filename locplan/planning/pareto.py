@@ -19,11 +19,11 @@ from locplan._support.tables import format_rounded_up
 from locplan.errors import ConfigError
 from locplan.planning.costmap import Costmap, check_costs
 from locplan.planning.grid import (
-    blank_costs,
-    bordered_ends,
-    cells_from_flat,
+    cells_from_flat_indices,
+    find_bordered_end_indices,
     find_straight_line,
-    path_through_centres,
+    make_blank_costs,
+    make_path_through_centres,
 )
 from locplan.planning.metrics import path_metrics
 from locplan.planning.path import Path
@@ -58,7 +58,7 @@ class StraightLine:
 
 
 @dataclass(frozen=True, eq=False)
-class FrontProblem:
+class ParetoProblem:
     """Two costs on the bordered grid, in whole units as `locplan.planning.kernels.pareto` wants
     them.
 
@@ -98,7 +98,7 @@ class FrontProblem:
         objective: str,
         cutting: bool,
         until: float = np.inf,
-    ) -> FrontProblem:
+    ) -> ParetoProblem:
         """Return the problem of a costmap between two positions; a ConfigError without a field."""
         from locplan.planning.kernels.pareto import SCALE
 
@@ -112,7 +112,7 @@ class FrontProblem:
         inner = half[1:-1, 1:-1]
         np.multiply(layer, SCALE / greatest / 2, out=inner, where=free, dtype=np.float64)
         np.rint(inner, out=inner)
-        source, target = bordered_ends(costs, start, goal)
+        source, target = find_bordered_end_indices(costs, start, goal)
         ends_length = ends_integral = 0.0
         for xy in (start, goal):
             cell = costs.find_cell(xy)
@@ -147,24 +147,24 @@ class FrontProblem:
         """Number of columns of the bordered grid."""
         return self.costs.grid.shape[1] + 2
 
-    def to_go(self, length: float, integral: float) -> tuple[Array, Array | None]:
+    def to_go(self, length_weight: float, integral_weight: float) -> tuple[Array, Array | None]:
         """Compute the least weighted sums of both costs to the goal, and the start's path.
 
         No sum is overstated, except the integral's, by the ties. After `until` it raises
         `FrontTimeoutError`.
         """
-        from locplan._support.kernels.search import measure_costs, search_grid
+        from locplan._support.kernels.search import measure_cost_scale, search_grid
         from locplan._support.kernels.ways import trace_path
         from locplan.planning.kernels.pareto import SCALE
 
-        half = self.half * (integral or 1.0)
-        if not integral:
+        half = self.half * (integral_weight or 1.0)
+        if not integral_weight:
             half[np.isfinite(half)] = 0.0
         # Where only the integral counts, a little of length makes the shortest of equal paths win:
         # a third of a unit a cell, and 53 bits still hold each step beside a sum over 10^5 cells.
-        half += (length or 2e-11) * SCALE / 2
+        half += (length_weight or 2e-11) * SCALE / 2
         way = half, self.columns, self.target, -1, self.allow_corner_cutting
-        cost, _, finished = search_grid(*way, measure_costs(half), until=self.until)
+        cost, _, finished = search_grid(*way, measure_cost_scale(half), until=self.until)
         if not finished:
             raise FrontTimeoutError
         np.abs(cost, out=cost)
@@ -201,9 +201,9 @@ class FrontProblem:
         """Return the length of a path with its ends, from whole units [m]."""
         return first / self.per_metre + self.ends[0]
 
-    def tolerance(self, frugal: Ints) -> float:
+    def tolerance(self, least_integral_cells: Ints) -> float:
         """Return the units by which integrals may differ, from the path of least integral."""
-        first, second = self.measure_units(frugal)
+        first, second = self.measure_units(least_integral_cells)
         if self.line is not None and self.line.units[1] <= second:
             first = self.line.units[0]
         return TOLERANCE * (first + self.ends[0] * self.per_metre)
@@ -229,8 +229,8 @@ def check_front_limits(objective: str, time_limit: float, max_labels: int = 1) -
 
 def prepare() -> None:
     """Compile the kernels, so that no time limit is spent on that."""
-    costs = dataclasses.replace(blank_costs(2, 3), u=np.ones((2, 3)))
-    problem = FrontProblem.for_route(costs, (0.5, 0.5), (2.5, 1.5), "u", False)
+    costs = dataclasses.replace(make_blank_costs(2, 3), u=np.ones((2, 3)))
+    problem = ParetoProblem.for_route(costs, (0.5, 0.5), (2.5, 1.5), "u", False)
     search = ParetoSearch(problem, problem.to_go(1, 0)[0], problem.to_go(0, 1)[0], max_labels=100)
     labels, _ = search.run(1, np.inf)
     search.trace_cells(int(labels[0]))
@@ -239,13 +239,13 @@ def prepare() -> None:
 class ParetoSearch:
     """A bi-objective search that can be paused, with its labels (partial paths).
 
-    It looks for second costs of at most `within`. `FrontProblem.to_go` gives the lower bounds to
+    It looks for second costs of at most `within`. `ParetoProblem.to_go` gives the lower bounds to
     the goal; `joint` holds both_to_go, multiplier and most of the kernel's search.
     """
 
     def __init__(
         self,
-        problem: FrontProblem,
+        problem: ParetoProblem,
         first_to_go: Floats,
         second_to_go: Floats,
         max_labels: int,
@@ -258,7 +258,7 @@ class ParetoSearch:
         self._max_labels = max(max_labels, 9)
         grid = problem.half, problem.columns, problem.target, problem.allow_corner_cutting
         joint = joint or (first_to_go, 0.0, np.inf)
-        self._terms = pareto.ParetoTerms(*grid, first_to_go, second_to_go, *joint)
+        self._terms = pareto.ParetoConstants(*grid, first_to_go, second_to_go, *joint)
         room = min(1 << 16, self._max_labels)  # at first
         lowest = int(first_to_go[problem.source] * pareto.BUCKETS_A_CELL / pareto.SCALE)
         state = np.zeros(7, np.int64)
@@ -268,7 +268,7 @@ class ParetoSearch:
         heads[lowest % pareto.BUCKETS] = 0
         lowest_second = np.full(problem.half.size, np.inf)
         lowest_second[problem.target] = within + 0.5
-        self._labels = pareto.Labels(
+        self._labels = pareto.ParetoLabels(
             state=state,
             cell=np.full(room, problem.source, np.int32),
             first=np.zeros(room),
@@ -300,7 +300,7 @@ class ParetoSearch:
         while True:
             bound = pareto.search_labels(self._labels, self._terms, STRETCH, solution_labels)
             status, count = (int(self._labels.state[i]) for i in (pareto.STATUS, pareto.SOLUTIONS))
-            full = status == pareto.OUT_OF_LABELS and not self._double_room()
+            full = status == pareto.OUT_OF_LABELS and not self._double_capacity()
             late = time.perf_counter() > until
             if status == pareto.FINISHED or count == solutions or full or late:
                 return solution_labels[:count], bound
@@ -313,9 +313,9 @@ class ParetoSearch:
         """Return the cells (n, 2) of the path to a label, as (row, col)."""
         from locplan.planning.kernels.pareto import trace_label
 
-        return cells_from_flat(trace_label(self._labels, label), self.problem.columns)
+        return cells_from_flat_indices(trace_label(self._labels, label), self.problem.columns)
 
-    def _double_room(self) -> bool:
+    def _double_capacity(self) -> bool:
         """Double the room up to its limit; return False if it is full."""
         room = min(2 * self._labels.cell.size, self._max_labels)
         if self.labels + 8 > room:
@@ -380,7 +380,7 @@ class BudgetPlanner:
         """
         began = time.perf_counter()
         cutting, until = self.allow_corner_cutting, began + self.time_limit
-        problem = FrontProblem.for_route(costs, start, goal, self.objective, cutting, until)
+        problem = ParetoProblem.for_route(costs, start, goal, self.objective, cutting, until)
         try:
             second_to_go, frugal = problem.to_go(0, 1)
             first_to_go, short = problem.to_go(1, 0)
@@ -394,7 +394,9 @@ class BudgetPlanner:
         if line is not None and line.units[1] <= within:
             return PlannerResult(line.path, bound=line.path.length)
         if problem.measure_units(frugal)[1] > within:
-            min_integral = problem.measure_metres(cells_from_flat(frugal, problem.columns))[1]
+            min_integral = problem.measure_metres(cells_from_flat_indices(frugal, problem.columns))[
+                1
+            ]
             if line is not None:
                 min_integral = min(min_integral, line.measures[1])
             note = (
@@ -411,19 +413,19 @@ class BudgetPlanner:
             )
             solution_labels, to_come = search.run(1, until)
             if solution_labels.size:
-                path = path_through_centres(
+                path = make_path_through_centres(
                     costs, search.trace_cells(int(solution_labels[0])), start, goal
                 )
                 return PlannerResult(path, bound=path.length)
             lower = min(max(to_come, bounds.lower), bounds.upper)
-        best = path_through_centres(
-            costs, cells_from_flat(bounds.best, problem.columns), start, goal
+        best = make_path_through_centres(
+            costs, cells_from_flat_indices(bounds.best, problem.columns), start, goal
         )
         return PlannerResult(best, bound=min(problem.length(lower), best.length))
 
 
 @dataclass(frozen=True)
-class _Bounds:
+class _LagrangianBounds:
     """The bounds that Lagrangian relaxation gives, in whole units."""
 
     best: Ints
@@ -437,34 +439,43 @@ class _Bounds:
 
 
 def _maximize_bound(
-    problem: FrontProblem, first_to_go: Floats, short: Ints, frugal: Ints, within: float
-) -> _Bounds:
+    problem: ParetoProblem,
+    first_to_go: Floats,
+    shortest_cells: Ints,
+    least_integral_cells: Ints,
+    budget: float,
+) -> _LagrangianBounds:
     """Raise the multiplier to the value with the greatest bound (Handler and Zang, 1980)."""
-    outer_first, outer_second = problem.measure_units(short)
-    if outer_second <= within:
-        return _Bounds(short, outer_first, outer_first, (first_to_go, 0.0, np.inf))
-    best, (best_first, best_second) = frugal, problem.measure_units(frugal)
+    outer_first, outer_second = problem.measure_units(shortest_cells)
+    if outer_second <= budget:
+        return _LagrangianBounds(
+            shortest_cells, outer_first, outer_first, (first_to_go, 0.0, np.inf)
+        )
+    best, (best_first, best_second) = (
+        least_integral_cells,
+        problem.measure_units(least_integral_cells),
+    )
     lower, joint = outer_first, (first_to_go, 0.0, np.inf)
     while True:
         multiplier = (best_first - outer_first) / (outer_second - best_second)
         try:
             joint_to_go, cells = problem.to_go(1, multiplier)
         except FrontTimeoutError:
-            return _Bounds(best, best_first, lower, joint)
+            return _LagrangianBounds(best, best_first, lower, joint)
         assert cells is not None
-        lower = max(lower, joint_to_go[problem.source] - multiplier * within)
+        lower = max(lower, joint_to_go[problem.source] - multiplier * budget)
         first, second = problem.measure_units(cells)
         line = outer_first + multiplier * outer_second
         closer = line - (first + multiplier * second) > GAIN * line
-        if second <= within and first < best_first:
+        if second <= budget and first < best_first:
             best, best_first, best_second = cells, first, second
-        elif within < second < outer_second:
+        elif budget < second < outer_second:
             outer_first, outer_second = first, second
         else:
             closer = False
         if not closer:  # no path lies below the line between the two
-            joint = joint_to_go, multiplier, best_first + multiplier * within
-            return _Bounds(best, best_first, lower, joint)
+            joint = joint_to_go, multiplier, best_first + multiplier * budget
+            return _LagrangianBounds(best, best_first, lower, joint)
 
 
 SUPPORTED = 24
@@ -534,7 +545,7 @@ def pareto_front(
     prepare()
     began = time.perf_counter()
     until = began + time_limit
-    problem = FrontProblem.for_route(costs, start, goal, objective, allow_corner_cutting, until)
+    problem = ParetoProblem.for_route(costs, start, goal, objective, allow_corner_cutting, until)
     searching = time.perf_counter()
     points: list[Point] = []
     epsilon, labels = 0.0, 0
@@ -596,15 +607,15 @@ def _drop_dominated(points: list[Point], longest: float, tolerance: float) -> li
 
 
 def _compute_epsilon(
-    points: list[Point], to_come: float, min_second: float, bounds: list[tuple[float, float]]
+    points: list[Point], min_first: float, min_second: float, bounds: list[tuple[float, float]]
 ) -> float:
     """Return the greatest relative gain over all points of a path that may have been missed.
 
-    Its first cost is at least `to_come`, its second at least `min_second`, and first +
+    Its first cost is at least `min_first`, its second at least `min_second`, and first +
     multiplier * second at least value, for each (multiplier, value) of `bounds`.
     """
     first, second = (np.array([point[i] for point in points]) for i in (0, 1))
-    edges = np.linspace(min(to_come, first[-1]), first[-1], 4001)
+    edges = np.linspace(min(min_first, first[-1]), first[-1], 4001)
     below = np.full(edges.size, float(min_second))
     for multiplier, value in bounds:
         below = np.maximum(below, (value - edges) / multiplier)
@@ -616,7 +627,7 @@ def _compute_epsilon(
 
 
 def _add_weighted_sums(
-    problem: FrontProblem, points: list[Point], short: Ints, frugal: Ints
+    problem: ParetoProblem, points: list[Point], shortest_cells: Ints, least_integral_cells: Ints
 ) -> list[tuple[float, float]]:
     """Add paths of least weighted sums to the points, the widest gaps first.
 
@@ -624,9 +635,9 @@ def _add_weighted_sums(
     least value.
     """
     bounds: list[tuple[float, float]] = []
-    left, right = problem.measure_units(short), problem.measure_units(frugal)
-    points.append((*left, cells_from_flat(short, problem.columns)))
-    points.append((*right, cells_from_flat(frugal, problem.columns)))
+    left, right = problem.measure_units(shortest_cells), problem.measure_units(least_integral_cells)
+    points.append((*left, cells_from_flat_indices(shortest_cells, problem.columns)))
+    points.append((*right, cells_from_flat_indices(least_integral_cells, problem.columns)))
     gaps = [(left, right)]
     while gaps and len(bounds) < SUPPORTED and not (bounds and time.perf_counter() > problem.until):
         gaps.sort(key=lambda gap: (gap[1][0] - gap[0][0]) * (gap[0][1] - gap[1][1]))
@@ -643,6 +654,6 @@ def _add_weighted_sums(
         middle = problem.measure_units(flat)
         line = left[0] + multiplier * left[1]
         if line - (middle[0] + multiplier * middle[1]) > GAIN * line:
-            points.append((*middle, cells_from_flat(flat, problem.columns)))
+            points.append((*middle, cells_from_flat_indices(flat, problem.columns)))
             gaps += [(left, middle), (middle, right)]
     return bounds

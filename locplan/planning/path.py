@@ -18,7 +18,7 @@ from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.poses import compute_travel_distances
 from locplan._support.reading import read_text
 from locplan._support.saved import EqualByValue
-from locplan._support.tables import make_collection, make_feature, write_csv
+from locplan._support.tables import make_geojson_collection, make_geojson_feature, write_csv
 from locplan.errors import LocplanError
 
 COLUMNS = ("x", "y", "heading")
@@ -185,8 +185,9 @@ class Path(EqualByValue):
         if self.heading is not None:
             properties["heading"] = self.heading.tolist()
         xy = self.xy.tolist()
-        return make_collection(
-            "path", [make_feature("LineString", xy * (2 if len(xy) == 1 else 1), properties)]
+        return make_geojson_collection(
+            "path",
+            [make_geojson_feature("LineString", xy * (2 if len(xy) == 1 else 1), properties)],
         )
 
     def to_nav_msgs(self, *, frame: str = "map") -> dict[str, Any]:
@@ -275,7 +276,7 @@ class Path(EqualByValue):
             at = np.linspace(0.0, self.length, count + 1)
             poses = np.column_stack([np.interp(at, self.distance, v) for v in poses.T])
         else:
-            poses = divide_poses(poses, np.diff(self.distance) / spacing - 1e-9)
+            poses = insert_poses_between(poses, np.diff(self.distance) / spacing - 1e-9)
         return Path(poses[:, :2], None if self.heading is None else poses[:, 2])
 
 
@@ -287,14 +288,14 @@ def parse_number_array(values: object, fault: str) -> Floats:
         raise LocplanError(fault) from None
 
 
-def divide_poses(poses: Floats, parts: Floats) -> Floats:
+def insert_poses_between(poses: Floats, n_parts: Floats) -> Floats:
     """Insert poses between poses, evenly on each step.
 
     Parameters
     ----------
     poses : (n, k) array
         The poses; all columns are interpolated linearly.
-    parts : (n - 1,) array
+    n_parts : (n - 1,) array
         Minimum number of parts of each step, rounded up, at least 1.
 
     Returns
@@ -302,7 +303,7 @@ def divide_poses(poses: Floats, parts: Floats) -> Floats:
     (m, k) array
         All poses, m >= n.
     """
-    steps = np.maximum(1, np.ceil(parts))
+    steps = np.maximum(1, np.ceil(n_parts))
     at = np.concatenate([[0.0], np.cumsum(steps)])
     indices = np.arange(at[-1] + 1)
     return np.column_stack([np.interp(indices, at, v) for v in poses.T])
@@ -366,13 +367,13 @@ def stack_poses(path_like: AnyPath | Sequence[AnyPath]) -> tuple[Floats, Ints, b
     several: Any = [path_like] if is_single else path_like
     if isinstance(several, np.ndarray) and several.size:  # checked as one, for speed
         sizes = np.full(len(several), several.shape[1])
-        return _poses_from_path(as_path(several.reshape(-1, several.shape[2]))), sizes, False
-    poses = [_poses_from_path(as_path(path)) for path in several]
+        return _poses_or_nan(as_path(several.reshape(-1, several.shape[2]))), sizes, False
+    poses = [_poses_or_nan(as_path(path)) for path in several]
     sizes = np.array([len(part) for part in poses], np.int64)
     return np.concatenate([np.empty((0, 3)), *poses]), sizes, is_single
 
 
-def _poses_from_path(path: Path) -> Floats:
+def _poses_or_nan(path: Path) -> Floats:
     return np.column_stack(
         [path.xy, np.nan * path.xy[:, 0] if path.heading is None else path.heading]
     )

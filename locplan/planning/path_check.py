@@ -11,7 +11,7 @@ import numpy as np
 
 from locplan._support.kernels.arrays import Array, Bools, Floats
 from locplan._support.output import ResultFiles
-from locplan._support.records import POSE, Column, Result, Table
+from locplan._support.records import POSE, Result, Table, TableColumn
 from locplan._support.saved import EqualByValue
 from locplan._support.tables import nan_to_none
 from locplan.errors import ConfigError
@@ -62,11 +62,11 @@ class PathCheck(Result, EqualByValue):
     files: ClassVar[ResultFiles] = ResultFiles(
         "path-check", ("path-check.json", "path-check.png", "path-check.csv")
     )
-    columns: ClassVar[tuple[Column, ...]] = (
-        Column("kind", title="fault"),
+    columns: ClassVar[tuple[TableColumn, ...]] = (
+        TableColumn("kind", title="fault"),
         *POSE,
-        Column("along", "m", "along"),
-        Column("length", "m", "length"),
+        TableColumn("along", "m", "along"),
+        TableColumn("length", "m", "length"),
     )
     grid: OccupancyGrid = field(compare=False)
     """The map."""
@@ -179,7 +179,7 @@ def check_path(
     poses = path.drive_poses
     drive_path = Path(poses[:, :2], poses[:, 2])
     outline = make_outline(robot)
-    faults = path_faults(grid, drive_path, robot)
+    faults = find_path_faults(grid, drive_path, robot)
     collides = any(fault.kind == "collision" for fault in faults)
     return PathCheck(
         grid=grid,
@@ -194,7 +194,7 @@ def check_path(
     )
 
 
-def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFault, ...]:
+def find_path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFault, ...]:
     """Find the places on a path that a robot cannot drive, without the rest of `check_path`.
 
     Parameters
@@ -228,11 +228,11 @@ def make_outline(robot: Robot) -> Footprint:
     return robot.outline or grow_outline(np.zeros((1, 2)), max(1e-6, robot.radius - robot.margin))
 
 
-def grow_outline(corners: Floats, by: float) -> Footprint:
+def grow_outline(corners: Floats, distance: float) -> Footprint:
     """Return an outline that encloses all points within a distance [m] of a convex one."""
     angles = 2 * math.pi * np.arange(CORNERS) / CORNERS
     circle = np.column_stack([np.cos(angles), np.sin(angles)]) / math.cos(math.pi / CORNERS)
-    return Footprint((corners[:, None] + by * circle).reshape(-1, 2))
+    return Footprint((corners[:, None] + distance * circle).reshape(-1, 2))
 
 
 def _compute_turning_radii(poses: Floats) -> Floats:
@@ -260,9 +260,9 @@ def _merge_faults(
     faults = []
     runs = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
     for run in runs if len(lines) else ():
-        first, last = int(run[0]), int(run[-1]) + 1
-        begin, end = path.distance[[first, last]].tolist()
-        x, y, heading = path.poses[first].tolist()
+        begin_index, end_index = int(run[0]), int(run[-1]) + 1
+        begin, end = path.distance[[begin_index, end_index]].tolist()
+        x, y, heading = path.poses[begin_index].tolist()
         faults.append(PathFault(kind, x, y, heading, begin, end - begin))
     return faults
 
@@ -272,8 +272,10 @@ def _measure_clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -
     if not (grid.cells == OCCUPIED).any():
         return math.inf
 
-    def meets(by: float) -> bool:
-        return grow_outline(outline.vertices, by).find_first_collision(grid, poses) is not None
+    def meets(distance: float) -> bool:
+        return (
+            grow_outline(outline.vertices, distance).find_first_collision(grid, poses) is not None
+        )
 
     doubled = itertools.accumulate(itertools.repeat(2.0), lambda by, two: by * two, initial=0.1)
     high = next(by for by in doubled if by > 1e6 or meets(by))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from locplan._support.kernels.arrays import Bools
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
-from locplan.field.lattice import find_near_points, select_second_points
+from locplan.field.lattice import find_near_points, select_every_second_point
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap, check_costs
 from locplan.planning.limits import LimitedPlanner
@@ -21,7 +21,7 @@ from locplan.planning.path import Path
 from locplan.planning.protocol import LATTICE, Planner, Position, check_pose
 from locplan.planning.requests import AnyPlanner, has_option, make_planner, parse_footprint
 from locplan.planning.results import Plan, make_plan
-from locplan.planning.robot_fit import robot_note
+from locplan.planning.robot_fit import describe_robot_conflict
 from locplan.robots.parts import Footprint
 
 SHORTEST, AWARE = "shortest", "localizability-aware"
@@ -185,7 +185,7 @@ def run_planner(planner: Planner, costs: Costmap, start: Position, goal: Positio
         else planner_result.solve_time
     )
     if planner_result.path is not None and (
-        note := robot_note(planner, costs, planner_result.path)
+        note := describe_robot_conflict(planner, costs, planner_result.path)
     ):
         planner_result = dataclasses.replace(
             planner_result, note="; ".join(filter(None, [planner_result.note, note]))
@@ -289,7 +289,7 @@ def plan_with_adaptive_field(
     """
     required = config.lattice_points(grid)
     resolution, stride = grid.resolution, config.stride_cells(grid.resolution)
-    points = select_second_points(required)
+    points = select_every_second_point(required)
     for _ in range(3):  # at last there is a fourth field, whose paths may leave what is fine
         field = make_field(points)
         points = points | field.is_evaluated

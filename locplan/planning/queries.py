@@ -68,7 +68,7 @@ MIN_DISTANCE = 10.0
 """Default minimum distance between the ends of random queries that are simulated [m]."""
 
 
-def check_random(count: int, seed: int, min_distance: float) -> None:
+def check_random_query_options(count: int, seed: int, min_distance: float) -> None:
     """Raise a ConfigError unless random queries can be drawn; to be called before long work.
 
     Parameters
@@ -145,7 +145,7 @@ def read_stations(path: str | os.PathLike[str]) -> list[Station]:
     LocplanError
         If the file cannot be read, or a row is wrong.
     """
-    rows = _read_rows(path, "stations")
+    rows = _read_rows_by_name(path, "stations")
     return [
         Station(name, *_parse_pose(place, values, "")) for name, (place, values) in rows.items()
     ]
@@ -171,7 +171,7 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     LocplanError
         If the file cannot be read, or a row is wrong.
     """
-    rows = _read_rows(path, "queries", "stations")
+    rows = _read_rows_by_name(path, "queries", "stations")
     if all("start_x" in values for _, values in rows.values()):
         return [
             Query(name, _parse_pose(place, values, "start_"), _parse_pose(place, values, "goal_"))
@@ -185,11 +185,11 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     ]
 
 
-def _parse_pose(place: str, values: Mapping[str, str], end: str) -> Position:
+def _parse_pose(row_location: str, values: Mapping[str, str], end: str) -> Position:
     """Return the position in the columns of an end, and its heading if there is one."""
     heading = f"{end}heading_deg"
     columns = [f"{end}x", f"{end}y", *([heading] if values.get(heading) else [])]
-    pose = [_parse_number(place, column, values[column]) for column in columns]
+    pose = [_parse_number(row_location, column, values[column]) for column in columns]
     return (*pose[:2], *map(math.radians, pose[2:]))
 
 
@@ -201,7 +201,9 @@ def _parse_number(place: str, column: str, text: str) -> float:
     raise LocplanError(f"{place}: {column} must be a finite number, not {short_repr(text)}")
 
 
-def _read_rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dict[str, str]]]:
+def _read_rows_by_name(
+    file: str | os.PathLike[str], *kinds: str
+) -> dict[str, tuple[str, dict[str, str]]]:
     """Return the rows of a file by name: where each stands, and its values; empty lines are none.
 
     An apostrophe that keeps a name from being a formula in a spreadsheet is no part of the name.
@@ -282,9 +284,9 @@ def random_queries(
     ConfigError
         If no two connected positions lie so far apart, or a value is out of its range.
     """
-    check_random(count, seed, min_distance)
+    check_random_query_options(count, seed, min_distance)
     random = np.random.default_rng(seed)
-    parts = _QueryParts(costs, min_distance)
+    parts = _QuerySampler(costs, min_distance)
     query_pairs = np.empty((0, 4))
     while len(query_pairs) < count:
         pairs = np.array([parts.draw(random) for _ in range(20)])
@@ -300,7 +302,7 @@ def random_queries(
     return queries
 
 
-class _QueryParts:
+class _QuerySampler:
     """The parts of a map that are wide enough, as cells (n, 2), to draw pairs of cells from."""
 
     def __init__(self, costs: Costmap, min_distance: float) -> None:

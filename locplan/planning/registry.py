@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from locplan._support.checks import short_repr, suggestion_text
+from locplan._support.checks import format_suggestion, short_repr
 from locplan.errors import ConfigError
 from locplan.planning.any_angle import AnyAngle
 from locplan.planning.grid import AStar, Dijkstra, GridPlanner
@@ -89,14 +89,14 @@ def planner_from_name(
     list_settings = getattr(kind, "setting_names", None)
     other = {option: options[option] for option in options if option not in planner_entry.options()}
     if other and list_settings:
-        check_names(
+        check_option_names(
             f"planner {short_repr(name)}",
             other,
             [*planner_entry.typed_options(), *list_settings(name)],
         )
         plain_options = {option: value for option, value in options.items() if option not in other}
         options = {**plain_options, "settings": {**plain_options.get("settings", {}), **other}}
-    check_names(f"planner {short_repr(name)}", options, planner_entry.options())
+    check_option_names(f"planner {short_repr(name)}", options, planner_entry.options())
     if "name" in inspect.signature(kind).parameters:
         options = {"name": name, **options}
     planner: Planner = kind(**options)
@@ -119,18 +119,18 @@ def normalize_planner_name(name: str, valid_names: Iterable[str]) -> str:
     >>> normalize_planner_name("rrt*", PLANNERS), normalize_planner_name("AnyAngle", PLANNERS)
     ('RRTstar', 'any-angle')
     """
-    spellings = {_plain_name(planner_name): planner_name for planner_name in valid_names}
-    plain = _plain_name(name)
+    spellings = {_normalize_spelling(planner_name): planner_name for planner_name in valid_names}
+    plain = _normalize_spelling(name)
     if plain not in spellings:
         names_known, guess = (
             ", ".join(spellings.values()),
-            suggestion_text(name, spellings.values()),
+            format_suggestion(name, spellings.values()),
         )
         raise ConfigError(f"planner must be one of {names_known}, not {short_repr(name)}{guess}")
     return spellings[plain]
 
 
-def _plain_name(name: str) -> str:
+def _normalize_spelling(name: str) -> str:
     return re.sub(r"[\s_-]", "", name.casefold().replace("*", "star"))
 
 
@@ -147,12 +147,12 @@ def read_option_defaults(kind: type) -> dict[str, Any]:
     }
 
 
-def check_names(whose: str, options: Iterable[str], valid_names: Iterable[str]) -> None:
+def check_option_names(whose: str, options: Iterable[str], valid_names: Iterable[str]) -> None:
     """Raise a ConfigError unless all options are known."""
     for name in options:
         if name not in valid_names:
             names_known = ", ".join(valid_names) or "none"
-            guess = suggestion_text(name, valid_names)
+            guess = format_suggestion(name, valid_names)
             raise ConfigError(
                 f"{whose} has no option {short_repr(name)}; it has: {names_known}{guess}"
             )

@@ -23,7 +23,7 @@ from locplan.planning.metrics import path_metrics
 from locplan.planning.pareto import BudgetPlanner
 from locplan.planning.path import Path
 from locplan.planning.protocol import Planner, PlannerResult, PlannerWrapper, Position, Status
-from locplan.planning.registry import check_names, planner_from_name, read_option_defaults
+from locplan.planning.registry import check_option_names, planner_from_name, read_option_defaults
 from locplan.planning.results import Plan
 from locplan.planning.robot_fit import default_planner
 from locplan.robots.parts import Footprint
@@ -73,7 +73,7 @@ class FunctionPlanner:
         """Raise a ConfigError unless the function takes the options."""
         arguments = inspect.signature(self.function).parameters.values()
         if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in arguments):
-            check_names(f"planner {short_repr(self.name)}", self.options, self.parameters)
+            check_option_names(f"planner {short_repr(self.name)}", self.options, self.parameters)
 
     def prepare(self) -> None:
         """Call the function's attribute ``prepare``, if it has one."""
@@ -124,7 +124,7 @@ class CheckedPlanner(PlannerWrapper):
         began = time.perf_counter()
         planner_result = self.planner.solve(costs_copy, start, goal)
         elapsed = time.perf_counter() - began
-        _check_sound(planner_result, costs, start, goal)
+        _check_planner_result(planner_result, costs, start, goal)
         planner_result = dataclasses.replace(planner_result, note=str(planner_result.note or ""))
         reported = planner_result.solve_time
         plausible = reported is not None and 0 <= reported <= elapsed
@@ -133,7 +133,9 @@ class CheckedPlanner(PlannerWrapper):
         )
 
 
-def _check_sound(planner_result: object, costs: Costmap, start: Position, goal: Position) -> None:
+def _check_planner_result(
+    planner_result: object, costs: Costmap, start: Position, goal: Position
+) -> None:
     """Raise a LocplanError unless a planner's result can be driven."""
     statuses = get_args(Status)
     if not isinstance(planner_result, PlannerResult) or planner_result.status not in statuses:
@@ -206,7 +208,7 @@ def make_planner(
         if planner not in (None, "grid") or stops or outline is not None or max_e is not None:
             raise ConfigError("a budget is for planner 'grid', without via, footprint and max_e")
         budget_options = [name for name in read_option_defaults(BudgetPlanner) if name != "budget"]
-        check_names("a budget", options, budget_options)
+        check_option_names("a budget", options, budget_options)
         new_planner = BudgetPlanner(budget, **options)
     if stops or outline is not None or max_e is not None:
         new_planner = LimitedPlanner(new_planner, stops, outline, max_e)
@@ -310,7 +312,9 @@ def with_options(planner: Planner, **options: Any) -> Planner:
         return dataclasses.replace(planner, planner=with_options(planner.planner, **options))
     if isinstance(planner, FunctionPlanner):
         return dataclasses.replace(planner, options={**planner.options, **options})
-    check_names(f"planner {short_repr(planner.name)}", options, read_option_defaults(type(planner)))
+    check_option_names(
+        f"planner {short_repr(planner.name)}", options, read_option_defaults(type(planner))
+    )
     return dataclasses.replace(planner, **options) if options else planner  # type: ignore[type-var]
 
 

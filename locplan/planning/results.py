@@ -12,16 +12,16 @@ import numpy as np
 
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.output import ResultFiles
-from locplan._support.records import Column, Result, Table
+from locplan._support.records import Result, Table, TableColumn
 from locplan._support.saved import StoredResult
 from locplan._support.tables import format_rounded_up, format_table, nan_to_none, write_csv
 from locplan.errors import ConfigError
 from locplan.planning.costmap import Costmap, summarize_costs
-from locplan.planning.grid import path_through_centres
+from locplan.planning.grid import make_path_through_centres
 from locplan.planning.metrics import METRICS, PathMetrics, path_metrics
 from locplan.planning.path import Path
 from locplan.planning.protocol import PlannerResult, Position, Status
-from locplan.planning.robot_fit import unfit_note
+from locplan.planning.robot_fit import describe_ignored_constraints
 from locplan.robots.robot import format_radius
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def make_plan(
     )
 
 
-POINT = Column("length", "m", "length"), Column("integral", title="integral")
+POINT = TableColumn("length", "m", "length"), TableColumn("integral", title="integral")
 """Columns of a front's paths; the integral is in m of u, and in m^2 rad m of e."""
 
 
@@ -254,8 +254,10 @@ class ParetoFront(Result, StoredResult):
         self._check_paths()
         if not -len(self) <= index < len(self):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
-        path = path_through_centres(self.costs, self.cells[index], self.start, self.goal)
-        planner_result = PlannerResult(path, note=unfit_note("pareto", self.costs.robot))
+        path = make_path_through_centres(self.costs, self.cells[index], self.start, self.goal)
+        planner_result = PlannerResult(
+            path, note=describe_ignored_constraints("pareto", self.costs.robot)
+        )
         return make_plan(
             "pareto", self.costs, self.start, self.goal, planner_result, self.solve_time
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from locplan.planning.path_check import TIGHT, path_faults
+from locplan.planning.path_check import TIGHT, find_path_faults
 from locplan.planning.protocol import CURVED, LATTICE
 from locplan.planning.registry import DEFAULT
 
@@ -42,7 +42,7 @@ def default_planner(robot: Robot | None) -> str:
     return "lattice" if needs_lattice(robot) else DEFAULT
 
 
-def robot_note(planner: Planner, costs: Costmap, path: Path) -> str:
+def describe_robot_conflict(planner: Planner, costs: Costmap, path: Path) -> str:
     """Return a note on the constraints of the costmap's robot that a planner's path ignores.
 
     Parameters
@@ -68,7 +68,7 @@ def robot_note(planner: Planner, costs: Costmap, path: Path) -> str:
         keeps_outline |= getattr(inner, "outline", None) is not None
         inner = inner_planner
     if not type(inner).__module__.startswith("locplan.planning.") or _is_function(inner):
-        faults = path_faults(costs.grid, path, robot)
+        faults = find_path_faults(costs.grid, path, robot)
         fault_text = f"{faults[0].kind} near {faults[0].x:.2f},{faults[0].y:.2f}" if faults else ""
         return f"the robot cannot drive this path: {fault_text}" if faults else ""
     if inner.space == LATTICE:
@@ -78,12 +78,12 @@ def robot_note(planner: Planner, costs: Costmap, path: Path) -> str:
     radius = getattr(inner, "turning_radius", None) if inner.space in CURVED else None
     keeps_radius = (radius or 0.0) >= kinematics.turning_radius * (1 - TIGHT)
     backs_up = inner.space == "ReedsShepp" and not kinematics.reverse
-    return unfit_note(
+    return describe_ignored_constraints(
         planner.name, robot, outline=keeps_outline, radius=keeps_radius, reverse=not backs_up
     )
 
 
-def unfit_note(
+def describe_ignored_constraints(
     name: str,
     robot: Robot | None,
     *,

@@ -66,11 +66,11 @@ def smooth_path(
         The path with headings, from the same start to the same goal.
     """
     check_costs(costs)
-    smoother = Smoother(costs, robot or costs.robot, reverse, gear_change, turn_cost)
+    smoother = PathSmoother(costs, robot or costs.robot, reverse, gear_change, turn_cost)
     return smoother.smooth(path, None, None)
 
 
-class Smoother:
+class PathSmoother:
     """What smooths the paths of a robot on a costmap."""
 
     def __init__(
@@ -81,17 +81,19 @@ class Smoother:
         gear_change: float,
         turn_cost: float,
     ) -> None:
-        from locplan._support.kernels.outlines import CollisionMap, sum_rows
-        from locplan._support.kernels.search import make_bordered_half
+        from locplan._support.kernels.outlines import CollisionMap, sum_occupied_along_rows
+        from locplan._support.kernels.search import make_bordered_half_density
         from locplan.planning.kernels.curves import DUBINS, REEDS_SHEPP
-        from locplan.planning.kernels.motions import MotionGround
+        from locplan.planning.kernels.motions import MotionCostmap
         from locplan.planning.kernels.smoothing import MotionModel
 
         grid, self._costs = costs.grid, costs
         kinematics = robot.kinematics if robot else Kinematics()
         self._outline = robot.outline if robot else None
-        half = np.array([make_bordered_half(layer, 1) for layer in costs.density_of_heading])
-        self._ground = MotionGround(half, grid.shape[1] + 2, -grid.origin[2], False)
+        half = np.array(
+            [make_bordered_half_density(layer, 1) for layer in costs.density_of_heading]
+        )
+        self._ground = MotionCostmap(half, grid.shape[1] + 2, -grid.origin[2], False)
         on_spot = kinematics.turning_radius == 0
         self._drive: MotionModel = MotionModel(
             REEDS_SHEPP if kinematics.reverse else DUBINS,
@@ -102,7 +104,9 @@ class Smoother:
             turn_cost / grid.resolution if on_spot else 0.0,
         )
         corners = self._outline.vertices / grid.resolution if self._outline else np.empty((0, 2))
-        self._body: CollisionMap = CollisionMap(sum_rows(grid.cells == OCCUPIED), corners)
+        self._body: CollisionMap = CollisionMap(
+            sum_occupied_along_rows(grid.cells == OCCUPIED), corners
+        )
 
     def smooth(self, path: Path, start: Position | None, goal: Position | None) -> Path:
         """Return a path smoothed, or itself; it ends at start and goal if curves lead there."""
@@ -148,7 +152,7 @@ class Smoother:
 
         if len(poses) < 2:
             return poses
-        at = self._place_knots(poses, max(2.0, 0.25 * self._drive.radius))
+        at = self._choose_knots(poses, max(2.0, 0.25 * self._drive.radius))
         step_costs = np.add.reduceat(self._compute_step_costs(poses), at[:-1])
         chain = find_cheapest_chain(
             self._ground, self._drive, self._body, poses[at], step_costs, LOOKAHEAD
@@ -170,7 +174,7 @@ class Smoother:
         """Shift knots to positions of lower cost; return the poses unchanged without gain."""
         from locplan.planning.kernels.smoothing import shift_knots
 
-        at = self._place_knots(poses, max(3.0, 0.75 * self._drive.radius))
+        at = self._choose_knots(poses, max(3.0, 0.75 * self._drive.radius))
         step_costs = np.add.reduceat(self._compute_step_costs(poses), at[:-1])
         knots, curved = poses[at].copy(), np.zeros(len(step_costs), bool)
         shift_knots(self._ground, self._drive, self._body, knots, step_costs, curved, steps)
@@ -187,7 +191,7 @@ class Smoother:
 
         return np.asarray(compute_step_costs(self._ground, self._drive, poses))
 
-    def _place_knots(self, poses: Floats, spacing: float) -> Ints:
+    def _choose_knots(self, poses: Floats, spacing: float) -> Ints:
         """Return knots of poses at least a spacing [cells], or a quarter of a radian, apart."""
         steps = np.diff(poses, axis=0)
         turn = np.abs(np.remainder(steps[:, 2] + math.pi, 2 * math.pi) - math.pi)
@@ -199,10 +203,10 @@ class Smoother:
         return np.flatnonzero(is_knot)
 
     def _sample_curve(self, start: Floats, end: Floats) -> Floats:
-        from locplan.planning.kernels.motions import motion_poses
+        from locplan.planning.kernels.motions import sample_motion_poses
 
         ends = tuple(start.tolist()), tuple(end.tolist())
-        return np.asarray(motion_poses(self._drive.kind, self._drive.radius, *ends))
+        return np.asarray(sample_motion_poses(self._drive.kind, self._drive.radius, *ends))
 
     def _add_ends(self, poses: Floats, start: Position | None, goal: Position | None) -> Floats:
         """Add the true ends before and after poses; a missing heading is taken from the poses."""

@@ -164,7 +164,7 @@ def find_ambiguous_places(
     ranges = database.simulate_scans(poses)
 
     def compare(scan_numbers: Ints) -> list[tuple[float, float]]:
-        return [_compare_elsewhere(database, ranges[n], poses[n]) for n in scan_numbers]
+        return [_compare_with_other_places(database, ranges[n], poses[n]) for n in scan_numbers]
 
     values = np.array(run_in_batches(compare, len(poses), workers, progress)).reshape(-1, count, 2)
     return AmbiguousPlaces(
@@ -175,18 +175,18 @@ def find_ambiguous_places(
     )
 
 
-def _compare_elsewhere(
-    database: RangeDatabase, ranges: Floats, home: Floats
+def _compare_with_other_places(
+    database: RangeDatabase, ranges: Floats, scan_pose: Floats
 ) -> tuple[float, float]:
-    """Return the minimum excess of poses over 2 m away from `home`, and their probability.
+    """Return the minimum excess of poses over 2 m away from `scan_pose`, and their probability.
 
-    The scan is matched with the whole map; `home` is x, y [cells] and heading on the map.
+    The scan is matched with the whole map; `scan_pose` is x, y [cells] and heading on the map.
     """
-    modes = ScanOnMap(database, ranges).find_modes(home)
+    modes = ScanOnMap(database, ranges).find_modes(scan_pose)
     if modes.n_returns < MIN_RETURNS:
         return 0.0, 1.0
-    distances = np.hypot(*(modes.poses[:, :2] - home[:2]).T) * database.grid.resolution
-    turn = np.abs(wrap_angles(modes.poses[:, 2] - home[2]))
+    distances = np.hypot(*(modes.poses[:, :2] - scan_pose[:2]).T) * database.grid.resolution
+    turn = np.abs(wrap_angles(modes.poses[:, 2] - scan_pose[2]))
     home_modes = np.flatnonzero((distances < MODE_DISTANCE) & (turn < MODE_TURN))
     if not home_modes.size:  # the robot does not fit exactly there
         return 0.0, 1.0

@@ -29,12 +29,12 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import (
     IDENTITY,
     FrameTree,
-    Track,
     Transform,
+    TransformTrack,
     apply_motions,
     compute_motions,
     compute_uprightness,
-    frame_name,
+    normalize_frame_name,
     project_to_plane,
     wrap_angles,
 )
@@ -162,7 +162,7 @@ def _read_scans(
             )
         stamps_back += stamp < latest
         latest = max(latest, stamp)
-        frame = frame or frame_name(scan.header.frame_id)
+        frame = frame or normalize_frame_name(scan.header.frame_id)
         scan_geometry = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
         rows.add(scan.ranges, *map(float, scan_geometry))
         stamps.append(stamp)
@@ -235,9 +235,11 @@ def _add_pose(
     """Add the pose of a message, decoded by the type of its topic."""
     content, kind = message.content, topics[message.topic]
     if message.topic not in bag_poses.topics:
-        child = frame_name(content.child_frame_id) if kind == MessageType.ODOMETRY else ""
-        frame = frame_name(content.header.frame_id)
-        bag_poses.topics[message.topic] = PoseTopic(kind, frame, child, Track(times), Track(times))
+        child = normalize_frame_name(content.child_frame_id) if kind == MessageType.ODOMETRY else ""
+        frame = normalize_frame_name(content.header.frame_id)
+        bag_poses.topics[message.topic] = PoseTopic(
+            kind, frame, child, TransformTrack(times), TransformTrack(times)
+        )
     pose = content.pose if kind == MessageType.POSE else content.pose.pose
     topic, time = (
         bag_poses.topics[message.topic],
@@ -293,10 +295,10 @@ def _select_in_namespace(topics: Sequence[str], scan_topic: str) -> list[str]:
     return [topic for topic in topics if best is None or spaces[topic] == best]
 
 
-def _convert_stamp(stamp: Any, logged: int) -> float:
+def _convert_stamp(stamp: Any, log_time_ns: int) -> float:
     """Return the time of a stamp, or the log's time for a zero stamp [s]."""
     total = stamp.sec + 1e-9 * stamp.nanosec
-    return float(total) if total else logged * 1e-9
+    return float(total) if total else log_time_ns * 1e-9
 
 
 def _make_transform(message: Any) -> Transform:
@@ -323,8 +325,8 @@ class PoseTopic(NamedTuple):
     kind: str
     frame: str
     child: str
-    track: Track
-    speeds: Track  # forward speeds by odometry, stored as x of transforms
+    track: TransformTrack
+    speeds: TransformTrack  # forward speeds by odometry, stored as x of transforms
 
 
 @dataclass(frozen=True)
@@ -368,7 +370,7 @@ class BagPoses:
     """Assumptions and dropped data."""
 
     @cached_property
-    def at_scans(self) -> NDArray[np.int64]:
+    def scan_time_indices(self) -> NDArray[np.int64]:
         """Index of each scan's time among the times of the tree and of odometry."""
         return np.searchsorted(self.tree.times, self.times)
 
@@ -413,7 +415,7 @@ class BagPoses:
                 f" the scans are from {self.times[0]:.3f} to {self.times[-1]:.3f} s; do both have"
                 " the same clock?"
             )
-        odometry = None if reported is None else reported[self.at_scans]
+        odometry = None if reported is None else reported[self.scan_time_indices]
         if odometry is not None:
             odometry_share = np.isfinite(odometry[is_located]).all(axis=1).mean()
             if odometry_share < 0.9:
@@ -431,13 +433,13 @@ class BagPoses:
         speeds = None if odometry is None else self._find_speeds(odometry_from)
         return ScanPoses(poses, odometry, speeds, mount, upside_down, source)
 
-    def _find_speeds(self, odometry_from: str) -> Floats | None:
+    def _find_speeds(self, odometry_source: str) -> Floats | None:
         """Find forward speeds at the scans; None with several odometry topics, or if all are 0."""
         topics = self.find_odometry_topics()
-        if len(topics) != 1 and odometry_from not in topics:
+        if len(topics) != 1 and odometry_source not in topics:
             return None
-        topic = topics.get(odometry_from) or next(iter(topics.values()))
-        speeds = topic.speeds.interpolate()[self.at_scans, 0]
+        topic = topics.get(odometry_source) or next(iter(topics.values()))
+        speeds = topic.speeds.interpolate()[self.scan_time_indices, 0]
         return speeds if np.nan_to_num(speeds).any() else None
 
     def drop_unrelated_frames(self) -> None:
@@ -529,7 +531,11 @@ class BagPoses:
         if topic is None:
             pose = tree.pose(frame, base) if {frame, base} <= set(tree.frames) else None
             if pose is not None:
-                return project_to_plane(pose)[self.at_scans], f"TF {frame} -> {base}", frame
+                return (
+                    project_to_plane(pose)[self.scan_time_indices],
+                    f"TF {frame} -> {base}",
+                    frame,
+                )
             topic = self._choose_pose_topic()
         if topic is None and not self.options.needs_poses:
             return np.full((len(self.times), 3), np.nan), "", ""
@@ -539,7 +545,7 @@ class BagPoses:
                 f"there are no poses on the map: those of odometry ({odometry_from}) are taken, in"
                 " their own frame"
             )
-            return reported[self.at_scans], odometry_from, ""
+            return reported[self.scan_time_indices], odometry_from, ""
         if topic is None:
             raise self._make_no_poses_error(base)
         pose_topic = self.topics[topic]
@@ -554,9 +560,11 @@ class BagPoses:
                 f"the poses of {topic} are in {pose_topic.frame!r}, which is taken for the map's"
             )
         poses = project_to_plane(pose_topic.track.interpolate())
-        poses = poses[self.at_scans] if pose_topic.kind == MessageType.ODOMETRY else poses
+        poses = poses[self.scan_time_indices] if pose_topic.kind == MessageType.ODOMETRY else poses
         if reported is not None and pose_topic.kind == MessageType.POSE_WITH_COVARIANCE:
-            carried = _carry_poses(self.times, pose_topic.track, tree.times, reported)
+            carried = _interpolate_poses_by_odometry(
+                self.times, pose_topic.track, tree.times, reported
+            )
             poses = np.where(np.isfinite(carried), carried, poses)
         return poses, topic, pose_topic.frame
 
@@ -616,8 +624,8 @@ class BagPoses:
         return None, ""
 
 
-def _carry_poses(
-    times: Sequence[float], track: Track, reported_at: Sequence[float], reported: Floats
+def _interpolate_poses_by_odometry(
+    times: Sequence[float], track: TransformTrack, odometry_times: Sequence[float], odometry: Floats
 ) -> Floats:
     """Compute poses at n times by odometry from the samples before and after.
 
@@ -629,9 +637,9 @@ def _carry_poses(
         Times of the scans [s].
     track : Track
         Samples of the pose.
-    reported_at : sequence of m floats
+    odometry_times : sequence of m floats
         Times of the odometry, including the times of the samples [s].
-    reported : (m, 3) array
+    odometry : (m, 3) array
         Poses by odometry, NaN if unknown.
 
     Returns
@@ -639,13 +647,13 @@ def _carry_poses(
     (n, 3) array
         The poses; NaN if a scan is over 1 m of odometry away from both samples.
     """
-    at, knots = np.asarray(times), np.asarray(reported_at)
-    now = reported[np.searchsorted(knots, at)]
+    at, knots = np.asarray(times), np.asarray(odometry_times)
+    now = odometry[np.searchsorted(knots, at)]
     guesses, weights = [], []
     for samples in track.samples():
         then = samples[:, 0]
         index = np.searchsorted(knots, np.where(np.isfinite(then), then, knots[0]))
-        way = compute_motions(reported[index], now)
+        way = compute_motions(odometry[index], now)
         near = np.isfinite(then) & (np.hypot(way[:, 0], way[:, 1]) < 1.0)
         guesses.append(apply_motions(project_to_plane(samples[:, 1:]), way))
         # The sample nearer in time has more weight; a distant sample has none.
@@ -738,11 +746,11 @@ class BagReader:
         if progress:
             progress(total, total)
 
-    def _decode(self, connection: Any, logged: int, raw: bytes) -> BagMessage:
+    def _decode(self, connection: Any, log_time_ns: int, raw: bytes) -> BagMessage:
         """Decode a raw message."""
         store = self._typestore
         decode = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
-        return BagMessage(connection.topic, logged, decode(raw, _get_message_type(connection)))
+        return BagMessage(connection.topic, log_time_ns, decode(raw, _get_message_type(connection)))
 
     def describe_topics(self) -> str:
         """Return a text with all topics and their types, for error messages."""
@@ -783,9 +791,9 @@ def _open_bag(path: Path) -> Iterator[BagReader]:
     try:
         for bag_file in file.iterdir() if file.is_dir() else (file,):
             if not bag_file.is_dir():
-                reading.open_file(bag_file).close()  # rosbags would wait for a pipe
+                reading.open_plain_file(bag_file).close()  # rosbags would wait for a pipe
                 protect_input(bag_file)
-        _bound_unpacking(reader1, reader2, storage_mcap)
+        _limit_unpacked_sizes(reader1, reader2, storage_mcap)
         with warnings.catch_warnings(action="ignore"):  # ruamel has some for odd metadata.yaml
             reader: Any = Reader1(file) if ros1 else Reader2(file)
             reader.open()
@@ -820,7 +828,7 @@ def _find_storage(path: Path) -> Path:
 
 
 @cache
-def _bound_unpacking(ros1: Any, ros2: Any, mcap: Any) -> None:
+def _limit_unpacked_sizes(ros1: Any, ros2: Any, mcap: Any) -> None:
     """Replace the unpacking functions of these modules of rosbags by functions with size limits."""
     from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
@@ -831,15 +839,15 @@ def _bound_unpacking(ros1: Any, ros2: Any, mcap: Any) -> None:
     if zstd is not None:  # older versions limit the size themselves
         unpacked = partial(_decompress, zstd.ZstdDecompressor)
         mcap.DECOMPRESSORS["zstd"] = unpacked
-        bounded_open = partial(_open_bounded, zstd.open)
+        bounded_open = partial(_open_with_size_limit, zstd.open)
         vars(ros2)["zstd"] = SimpleNamespace(open=bounded_open, decompress=unpacked)
 
 
-def _decompress(kind: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:
+def _decompress(decompressor_type: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:
     """Unpack a chunk of one or more frames, up to the maximum size."""
     parts, room = list[bytes](), MAX_CHUNK_BYTES
     while packed:
-        frame = kind()
+        frame = decompressor_type()
         parts.append(frame.decompress(packed, room + 1))
         room -= len(parts[-1])
         if room < 0:
@@ -851,7 +859,9 @@ def _decompress(kind: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:
 
 
 @contextmanager
-def _open_bounded(unpack: Callable[..., Any], file: BufferedReader, mode: str) -> Iterator[Any]:
+def _open_with_size_limit(
+    unpack: Callable[..., Any], file: BufferedReader, mode: str
+) -> Iterator[Any]:
     """Open a packed file for reading, up to the maximum size."""
     left = MAX_RATIO * os.fstat(file.fileno()).st_size
 

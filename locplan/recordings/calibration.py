@@ -143,7 +143,7 @@ def fit_odometry_noise(
     )
     turns = np.diff(poses[find_update_poses(poses, math.inf, TURN), 2])
     total_turn = float(np.abs(wrap_angles(turns)).sum())
-    notes = _describe_limits(
+    notes = _describe_fit_limits(
         increments,
         np.array([noise_estimate.value for noise_estimate in alphas]),
         pose_noise,
@@ -164,7 +164,7 @@ def fit_odometry_noise(
     return OdometryNoise(*values)
 
 
-def _describe_limits(
+def _describe_fit_limits(
     increments: _OdometryIncrements,
     alphas: Floats,
     pose_noise: tuple[float, float],
@@ -172,7 +172,7 @@ def _describe_limits(
 ) -> list[str]:
     """Return notes on the limits of the fit of the alphas."""
     notes = []
-    if increments.is_outweighed(alphas, *pose_noise):
+    if increments.has_noisier_poses(alphas, *pose_noise):
         notes.append(
             "the recorded poses are noisier than the odometry between two updates of the filter:"
             " the alphas are uncertain; record better poses, as of SLAM or motion capture"
@@ -259,13 +259,13 @@ class _DriveStretches:
         """Fit drifts, biases, and the poses' noise, in the order of `OdometryNoise`, (8,)."""
         is_straight = np.isfinite(self.chord_error)
         ones = np.ones(len(self.way))
-        (scale,), (distance, at) = _fit_regression(
+        (scale,), (distance, at) = _fit_mean_and_variance(
             self.chord_error[is_straight],
             self.chord[is_straight, None],
             np.column_stack([self.way, ones])[is_straight],
             weights[is_straight],
         )
-        (bend, turn_scale), (heading, turning, to) = _fit_regression(
+        (bend, turn_scale), (heading, turning, to) = _fit_mean_and_variance(
             self.turn_error,
             np.column_stack([self.way, self.turn]),
             np.column_stack([self.way, self.turn_sum, ones]),
@@ -331,42 +331,52 @@ class _OdometryIncrements:
             np.array([turn, ahead - way]),
         )
 
-    def fit_alphas(self, weights: Floats, position: float, heading: float) -> Floats:
+    def fit_alphas(self, weights: Floats, position_noise: float, heading_noise: float) -> Floats:
         """Fit the alphas, (4,), given the poses' noise of position [m] and heading [rad]."""
-        fixed = (self.poses @ np.array([position**2, heading**2])).ravel()
+        fixed = (self.poses @ np.array([position_noise**2, heading_noise**2])).ravel()
         features, stacked_weights = self.features.reshape(-1, 4), np.tile(weights, 2)
         return fit_variances(self.residuals.ravel() ** 2, features, fixed, stacked_weights)
 
-    def is_outweighed(self, alphas: Floats, position: float, heading: float) -> bool:
+    def has_noisier_poses(
+        self, alphas: Floats, position_noise: float, heading_noise: float
+    ) -> bool:
         """Return True if the poses are noisier than odometry in turns or distances."""
-        of_poses = self.poses @ np.array([position**2, heading**2])
+        of_poses = self.poses @ np.array([position_noise**2, heading_noise**2])
         of_odometry = self.features @ alphas
         return bool((of_poses.mean(axis=1) > of_odometry.mean(axis=1)).any())
 
-    def compute_outlier_share(self, alphas: Floats, position: float, heading: float) -> float:
+    def compute_outlier_share(
+        self, alphas: Floats, position_noise: float, heading_noise: float
+    ) -> float:
         """Compute the share of increments beyond five standard deviations of the fit."""
-        variance = self.features @ alphas + self.poses @ np.array([position**2, heading**2])
+        variance = self.features @ alphas + self.poses @ np.array(
+            [position_noise**2, heading_noise**2]
+        )
         return float((self.residuals**2 > 25 * (variance + TINY)).any(axis=0).mean())
 
 
-def _fit_regression(
-    values: Floats, means: Floats, features: Floats, weights: Floats
+def _fit_mean_and_variance(
+    values: Floats, mean_features: Floats, variance_features: Floats, weights: Floats
 ) -> tuple[Floats, Floats]:
     """Fit coefficients of mean and variance of Gaussian values by maximum likelihood."""
-    coefficients: Floats = np.zeros(means.shape[1])
+    coefficients: Floats = np.zeros(mean_features.shape[1])
     parts: Floats | None = None
     for _ in range(4):
-        squares = (values - means @ coefficients) ** 2
-        parts = fit_variances(squares, features, np.zeros(len(values)), weights, parts)
-        precisions = weights / (features @ parts + TINY)
-        matrix = (means * precisions[:, None]).T @ means + TINY * np.eye(means.shape[1])
-        coefficients = np.asarray(np.linalg.solve(matrix, (means * precisions[:, None]).T @ values))
+        squares = (values - mean_features @ coefficients) ** 2
+        parts = fit_variances(squares, variance_features, np.zeros(len(values)), weights, parts)
+        precisions = weights / (variance_features @ parts + TINY)
+        matrix = (mean_features * precisions[:, None]).T @ mean_features + TINY * np.eye(
+            mean_features.shape[1]
+        )
+        coefficients = np.asarray(
+            np.linalg.solve(matrix, (mean_features * precisions[:, None]).T @ values)
+        )
     assert parts is not None
     return coefficients, parts
 
 
 FAR = 0.3
-"""Bound on the difference between a measured and an expected range in `settle_pose` [m]."""
+"""Bound on the difference between a measured and an expected range in `match_pose` [m]."""
 MAD = 1.4826
 """Ratio of standard deviation to median absolute deviation of a normal distribution."""
 
@@ -433,7 +443,7 @@ def fit_scan_noise(
     """
     check_scan_counts(len(recording), len(recording))
     scan_numbers = np.unique(np.linspace(0, len(recording) - 1, 300).round().astype(int))
-    walls = SeenWalls(grid, recording)
+    walls = RecordingRangeMatcher(grid, recording)
 
     def compare_scans(batch_numbers: NDArray[np.int64]) -> list[tuple[float, Floats]]:
         return [walls.compare_scan(scan) for scan in scan_numbers[batch_numbers].tolist()]
@@ -489,32 +499,35 @@ class _ScanSums:
     def from_residuals(
         cls,
         residual: Floats,
-        walls: Floats,
-        near: NDArray[np.bool_],
-        returned: NDArray[np.bool_],
+        wall_distances: Floats,
+        is_near_wall: NDArray[np.bool_],
+        has_return: NDArray[np.bool_],
         lidar: Lidar,
         resolution: float,
     ) -> _ScanSums:
         """Sum up residuals (n, beams) of ranges, given the distances of walls."""
-        deviation = np.abs(residual[near])
+        deviation = np.abs(residual[is_near_wall])
         order = np.argsort(deviation)
         sigma = MAD * float(np.median(deviation))
         bound = max(4 * sigma, 3 * resolution)  # up to which a range agrees with the map's
         reach, nearest, farthest = lidar.range, NEAREST_OBJECT, FARTHEST_OBJECT
-        short, measured = returned & (residual < -bound), walls + residual
+        short, measured = has_return & (residual < -bound), wall_distances + residual
         spacing = math.degrees(abs(lidar.angles[-1] - lidar.angles[0])) / max(1, lidar.beams - 1)
         return cls(
             deviation[order],
-            np.nonzero(near)[0][order],
-            (returned & (residual > bound)).sum(axis=1).astype(float),
-            (np.maximum(reach - walls - bound, 0) / reach).sum(axis=1),
+            np.nonzero(is_near_wall)[0][order],
+            (has_return & (residual > bound)).sum(axis=1).astype(float),
+            (np.maximum(reach - wall_distances - bound, 0) / reach).sum(axis=1),
             short.sum(axis=1).astype(float),
-            (np.maximum(walls - bound, 0) / reach).sum(axis=1),
+            (np.maximum(wall_distances - bound, 0) / reach).sum(axis=1),
             residual.shape[1],
-            np.clip((walls - bound - nearest) / (farthest - nearest), 0, 1).mean(axis=1),
+            np.clip((wall_distances - bound - nearest) / (farthest - nearest), 0, 1).mean(axis=1),
             spacing
             * np.array(
-                [_count_beams_in_runs(is_short) for is_short in short & (measured < farthest)],
+                [
+                    _count_beams_blocked_by_objects(is_short)
+                    for is_short in short & (measured < farthest)
+                ],
                 float,
             ),
         )
@@ -536,14 +549,14 @@ class _ScanSums:
         return np.array([MAD * middle, outliers, blocked, occlusion, angle])
 
 
-def _count_beams_in_runs(short: NDArray[np.bool_]) -> int:
+def _count_beams_blocked_by_objects(is_short: NDArray[np.bool_]) -> int:
     """Count short beams in runs of at least four, as caused by an object."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], short.astype(np.int8), [0]])))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_short.astype(np.int8), [0]])))
     runs = edges[1::2] - edges[::2]
     return int(runs[runs >= 4].sum())
 
 
-class SeenWalls:
+class RecordingRangeMatcher:
     """The map's walls as seen by a recording's lidar."""
 
     def __init__(self, grid: OccupancyGrid, recording: Recording) -> None:
@@ -557,13 +570,13 @@ class SeenWalls:
         sparse_angles = np.ascontiguousarray(lidar.angles[:: self.beam_step])
         self.sparse_beams = self.beams._replace(angles=sparse_angles)
 
-    def compare_scan(self, scan: int) -> tuple[float, Floats]:
+    def compare_scan(self, scan_number: int) -> tuple[float, Floats]:
         """Find the best pose of a scan; return its distance [m], and the expected ranges there."""
-        start = self.recording.poses[scan]
-        pose = self.settle_pose(start, self.recording.ranges[scan, :: self.beam_step])
+        start = self.recording.poses[scan_number]
+        pose = self.match_pose(start, self.recording.ranges[scan_number, :: self.beam_step])
         return math.dist(pose[:2], start[:2]), self.cast_ranges(pose, self.beams)
 
-    def settle_pose(self, pose: Floats, measured: NDArray[Any]) -> Floats:
+    def match_pose(self, pose: Floats, measured: NDArray[Any]) -> Floats:
         """Find the pose near a start whose expected ranges match a scan best.
 
         The pose moves along x, y and heading until the mean difference stops decreasing.

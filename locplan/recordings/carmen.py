@@ -65,7 +65,7 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
     """
     options.refuse_unused("a log of CARMEN", of_robot=True)
     log = _parse_log(path, options)
-    kind = _choose_kind(log, options.scan_topic)
+    kind = _choose_scan_kind(log, options.scan_topic)
     scan_lines, selection = log.scans[kind], slice(None, None, options.every)
     lines = np.array(scan_lines.lines).reshape(-1, 7)
     poses, reported, mount = _derive_poses(lines, scan_lines.last_odometry, log)
@@ -73,7 +73,7 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
     ranges = scan_lines.rows.finish(range(len(scan_lines.rows)))
     min_range, max_range = options.range_limits or (0.0, scan_lines.greatest)
     if not 0 < max_range <= MAX_RANGE:
-        max_range = _find_max_range(ranges)
+        max_range = _estimate_max_range(ranges)
     times = lines[:, 6]
     ordered, stamps_back = bool((np.diff(times) > 0).all()), int((np.diff(times) < 0).sum())
     if not ordered:
@@ -101,15 +101,15 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
     return recording if options.window is None else recording.window(*options.window)
 
 
-def _select_speeds(log: _CarmenLog, before: Sequence[int]) -> Floats | None:
+def _select_speeds(log: _CarmenLog, last_odometry: Sequence[int]) -> Floats | None:
     """Select forward speeds before the scans, (n,) [m/s]; None if all speeds are 0."""
     values = log.odometry_lines[:, 4]
     if not values.any():
         return None
-    return np.where(np.asarray(before) < 0, np.nan, values[before])
+    return np.where(np.asarray(last_odometry) < 0, np.nan, values[last_odometry])
 
 
-def _choose_kind(log: _CarmenLog, requested_kind: str | None) -> str:
+def _choose_scan_kind(log: _CarmenLog, requested_kind: str | None) -> str:
     """Return the requested kind of scans, or the first one of `KINDS` in the log."""
     kind = requested_kind or next((kind_name for kind_name in KINDS if kind_name in log.scans), "")
     if kind in log.scans:
@@ -121,7 +121,7 @@ def _choose_kind(log: _CarmenLog, requested_kind: str | None) -> str:
     )
 
 
-def _find_max_range(ranges: NDArray[np.float32]) -> float:
+def _estimate_max_range(ranges: NDArray[np.float32]) -> float:
     """Estimate the lidar's maximum range from a pile of readings without a return [m]."""
     pile = 0.1  # readings within 10 cm of the largest are no returns if they are over 3 permille
     finite_ranges = ranges[np.isfinite(ranges)]
@@ -132,7 +132,7 @@ def _find_max_range(ranges: NDArray[np.float32]) -> float:
 
 
 def _derive_poses(
-    scans: Floats, before: Sequence[int], log: _CarmenLog
+    scans: Floats, last_odometry: Sequence[int], log: _CarmenLog
 ) -> tuple[Floats, Floats | None, tuple[float, float, float]]:
     """Derive the robot's poses, its odometry, and the lidar's mount [m, m, rad].
 
@@ -148,7 +148,7 @@ def _derive_poses(
         x, y, yaw = (float(value) for value in np.round(mount, 4))
     else:
         poses, reported, x, y, yaw = first, second, 0.0, 0.0, 0.0
-    lines = compute_scan_odometry(poses, scans[:, 6], before, log.odometry_lines[:, :4])
+    lines = compute_scan_odometry(poses, scans[:, 6], last_odometry, log.odometry_lines[:, :4])
     reported = reported if lines is None else lines
     if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < 0.02:
         log.notes.append("its odometry equals its poses, which may be uncorrected")
@@ -184,7 +184,9 @@ def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
     return log
 
 
-def _add_scan(kind: str, words: list[str], scans: _ScanLines, before: int, scan_step: int) -> None:
+def _add_scan(
+    kind: str, words: list[str], scans: _ScanLines, last_odometry: int, scan_step: int
+) -> None:
     """Add the line of a scan; raise a ValueError or IndexError if it is damaged."""
     if kind == "FLASER":
         count = int(words[1])
@@ -205,7 +207,7 @@ def _add_scan(kind: str, words: list[str], scans: _ScanLines, before: int, scan_
         scans.rows.add(ranges, first, step, 0.0, MAX_RANGE)
     scans.greatest = max(scans.greatest, greatest)
     scans.lines.extend(line)
-    scans.last_odometry.append(before)
+    scans.last_odometry.append(last_odometry)
 
 
 def _parse_finite(words: Sequence[str]) -> tuple[float, ...]:
@@ -217,7 +219,7 @@ def _parse_finite(words: Sequence[str]) -> tuple[float, ...]:
 
 
 def compute_scan_odometry(
-    poses: Floats, stamps: Floats, before: Sequence[int], lines: Floats
+    poses: Floats, stamps: Floats, last_odometry: Sequence[int], odometry_lines: Floats
 ) -> Floats | None:
     """Compute the odometry at n scans; None without separate odometry.
 
@@ -230,16 +232,16 @@ def compute_scan_odometry(
         Poses of the robot at the scans [m, m, rad].
     stamps : (n,) array
         Times of the scans [s].
-    before : sequence of n int
+    last_odometry : sequence of n int
         Index of the last line of odometry before each scan, or -1.
-    lines : (m, 4) array
+    odometry_lines : (m, 4) array
         Lines of odometry: x, y [m], heading [rad], time [s].
     """
-    if not len(lines):
+    if not len(odometry_lines):
         return None
-    at = np.clip(before, 0, len(lines) - 1)
-    after = np.clip(np.asarray(before) + 1, 0, len(lines) - 1)
-    off = lines[after, :3] - poses
+    at = np.clip(last_odometry, 0, len(odometry_lines) - 1)
+    after = np.clip(np.asarray(last_odometry) + 1, 0, len(odometry_lines) - 1)
+    off = odometry_lines[after, :3] - poses
     off[:, 2] = wrap_angles(off[:, 2])
     repeated = (np.abs(off) < 1e-5).all(1)
     if repeated.mean() > 0.5:  # odometry restarts at most scans
@@ -249,17 +251,18 @@ def compute_scan_odometry(
         # The k-th piece leads from the line begins[k] to the line at[k + 1].
         begins = np.where(repeated, after, at)
         odometry = np.empty((len(at), 3))
-        odometry[0] = lines[at[0], :3]
+        odometry[0] = odometry_lines[at[0], :3]
         for n in range(1, len(at)):
             begin = min(begins[n - 1], at[n])
             odometry[n] = apply_motions(
-                odometry[n - 1], compute_motions(lines[begin, :3], lines[at[n], :3])
+                odometry[n - 1],
+                compute_motions(odometry_lines[begin, :3], odometry_lines[at[n], :3]),
             )
         return odometry
     # Interpolate between the lines around each scan if stamps allow it; otherwise take the former.
-    gap = lines[after, 3] - lines[at, 3]
-    inside = (gap > 0) & (stamps >= lines[at, 3]) & (stamps <= lines[after, 3])
-    share = np.where(inside, (stamps - lines[at, 3]) / np.where(gap > 0, gap, 1.0), 0.0)
-    step = lines[after, :3] - lines[at, :3]
+    gap = odometry_lines[after, 3] - odometry_lines[at, 3]
+    inside = (gap > 0) & (stamps >= odometry_lines[at, 3]) & (stamps <= odometry_lines[after, 3])
+    share = np.where(inside, (stamps - odometry_lines[at, 3]) / np.where(gap > 0, gap, 1.0), 0.0)
+    step = odometry_lines[after, :3] - odometry_lines[at, :3]
     step[:, 2] = wrap_angles(step[:, 2])
-    return np.asarray(lines[at, :3] + share[:, None] * step)
+    return np.asarray(odometry_lines[at, :3] + share[:, None] * step)

@@ -16,19 +16,19 @@ from locplan._support.checks import check_instance, check_threads
 from locplan._support.intervals import (
     BootstrapResamples,
     Interval,
-    Rank,
+    RankStatistics,
     assign_blocks,
-    draw_blocks,
+    count_block_draws,
     estimate_block_mean,
     format_decimal,
     format_ratio,
     rank,
 )
 from locplan._support.kernels.arrays import Floats
-from locplan._support.poses import place_ends
+from locplan._support.poses import move_ends_to_poses
 from locplan._support.progress import ProgressCallback
 from locplan._support.public import DrawableResult
-from locplan._support.records import POSE, Column, Table
+from locplan._support.records import POSE, Table, TableColumn
 from locplan._support.tables import REPORT_WIDTH, format_table
 from locplan.errors import RecordingError
 from locplan.field.config import FieldConfig
@@ -125,7 +125,7 @@ class ScanMatches:
             at = look_up_cells(
                 self.grid,
                 distance,
-                place_ends(ends, self.recording.poses[block] + self.best[block]),
+                move_ends_to_poses(ends, self.recording.poses[block] + self.best[block]),
                 math.inf,
             )
             is_stray = at > min_distance + np.hypot(*ends.T).T / 50  # False without a return
@@ -193,7 +193,7 @@ def match_scans(
     cells = np.column_stack([np.floor(row), np.floor(col)])
     mean, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
     best, summary = np.zeros((count, 3)), np.full((count, 3), np.nan)
-    returns = np.isfinite(recording.ranges[:, settings.beam_numbers]).sum(axis=1)
+    returns = np.isfinite(recording.ranges[:, settings.nearest_beam_indices]).sum(axis=1)
     inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
     usable_scans = np.flatnonzero(inside & (returns >= min(MIN_RETURNS, beams)))
     if not usable_scans.size:
@@ -245,14 +245,14 @@ def look_up_cells(
 
 
 @dataclass(frozen=True)
-class EstimatorAgreement:
+class PredictionAgreement:
     """Agreement between predicted and measured standard deviations of an estimator.
 
     Intervals come from a bootstrap over blocks of 10 m of the drive; NaN with fewer than five
     blocks.
     """
 
-    rank: Rank
+    rank: RankStatistics
     """Rank correlation, -1..1, and AUC for the worst fifth of the scans, 0..1."""
     aligned: Interval
     """Share of elongated ellipses with a direction within 15 deg, 0..1; NaN without any."""
@@ -272,26 +272,26 @@ class EstimatorAgreement:
 
 
 def compute_agreement(
-    values: Floats, predicted: Floats, measured: Floats, blocks: NDArray[np.int64]
-) -> EstimatorAgreement:
+    criterion: Floats, predicted: Floats, measured: Floats, blocks: NDArray[np.int64]
+) -> PredictionAgreement:
     """Compare predicted with measured covariances at n scans.
 
     Parameters
     ----------
-    values : (n,) array
+    criterion : (n,) array
         The estimator's criterion, which ranks places.
     predicted, measured : (n, d, d) arrays
         Covariances [m, m, rad].
     blocks : (n,) array of int
         The block of the drive of each scan.
     """
-    resamples = draw_blocks(blocks)
+    resamples = count_block_draws(blocks)
     major, minor, direction = position_axes(measured)
     predicted_major, _, towards = position_axes(predicted)
     direction_error = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
     elongated = (major > 3 * minor).astype(float)  # the direction of a round ellipse is arbitrary
-    return EstimatorAgreement(
-        rank([values], [major], BootstrapResamples([resamples], np.ones((len(resamples), 1)))),
+    return PredictionAgreement(
+        rank([criterion], [major], BootstrapResamples([resamples], np.ones((len(resamples), 1)))),
         estimate_block_mean((direction_error < math.radians(15)).astype(float), blocks, elongated),
         Interval(*np.exp(estimate_block_mean(np.log(predicted_major / major), blocks)).tolist()),
     )
@@ -349,7 +349,7 @@ class DriveEvaluation(DrawableResult):
         return assign_blocks(self.matches.recording.poses)
 
     @cached_property
-    def agreements(self) -> dict[str, EstimatorAgreement]:
+    def agreements(self) -> dict[str, PredictionAgreement]:
         """Agreement of each estimator with the measurement, at the compared scans."""
         scans = self.is_compared
         return {
@@ -401,10 +401,10 @@ class DriveEvaluation(DrawableResult):
             f"; {left} of {n_blocks} stretches of 10 m have no scan to compare" if left else ""
         )
         return (
-            f"The worst 10 m lie around {self._format_middle(is_worst)}, where {scans} the"
+            f"The worst 10 m lie around {self._format_mean_position(is_worst)}, where {scans} the"
             " position to"
             f" {100 * median:.0f} cm along"
-            f" {_compute_mean_axis(self.matches.direction[is_worst])}°{without}"
+            f" {_compute_mean_axis_degrees(self.matches.direction[is_worst])}°{without}"
         )
 
     def _describe_map_changes(self) -> str:
@@ -416,11 +416,12 @@ class DriveEvaluation(DrawableResult):
         is_worst = outdated & (blocks == block_numbers[np.argmax(counts)])
         return (
             f"; {outdated.sum()} of {len(outdated)} scans saw what is not on the map, most around"
-            f" {self._format_middle(is_worst)}: people, changes, or what a map leaves out, such"
+            f" {self._format_mean_position(is_worst)}: people, changes, or what a map leaves out,"
+            " such"
             " as plants"
         )
 
-    def _format_middle(self, is_chosen: NDArray[np.bool_]) -> str:
+    def _format_mean_position(self, is_chosen: NDArray[np.bool_]) -> str:
         """Format the mean position of some scans, without -0.0."""
         middle = self.matches.recording.poses[is_chosen, :2].mean(axis=0)
         return ",".join(f"{round(float(value), 1) + 0.0:.1f}" for value in middle)
@@ -453,27 +454,29 @@ class DriveEvaluation(DrawableResult):
         matches, drive = self.matches, self.matches.recording
         major, minor, direction = position_axes(matches.covariance)
         unknown = np.full(len(drive), np.nan)
-        values: dict[Column, NDArray[Any]] = {
-            Column("scan"): np.arange(len(drive)),
-            Column("time", "s"): unknown if drive.times is None else drive.times - drive.times[0],
+        values: dict[TableColumn, NDArray[Any]] = {
+            TableColumn("scan"): np.arange(len(drive)),
+            TableColumn("time", "s"): unknown
+            if drive.times is None
+            else drive.times - drive.times[0],
             **dict(zip(POSE, drive.poses.T, strict=True)),
-            Column("judged"): matches.is_matched,
-            Column("outdated"): self.is_outdated,
-            Column("score"): matches.score,
-            Column("returns"): matches.n_returns,
-            Column("offset_x", "m"): matches.best[:, 0],
-            Column("offset_y", "m"): matches.best[:, 1],
-            Column("offset_heading", "rad"): matches.best[:, 2],
-            Column("major_std", "m"): major,
-            Column("minor_std", "m"): minor,
-            Column("major_axis", "rad"): direction,
-            Column("heading_std", "rad"): np.sqrt(matches.covariance[:, 2, 2]),
-            Column("ambiguity"): matches.ambiguity,
+            TableColumn("judged"): matches.is_matched,
+            TableColumn("outdated"): self.is_outdated,
+            TableColumn("score"): matches.score,
+            TableColumn("returns"): matches.n_returns,
+            TableColumn("offset_x", "m"): matches.best[:, 0],
+            TableColumn("offset_y", "m"): matches.best[:, 1],
+            TableColumn("offset_heading", "rad"): matches.best[:, 2],
+            TableColumn("major_std", "m"): major,
+            TableColumn("minor_std", "m"): minor,
+            TableColumn("major_axis", "rad"): direction,
+            TableColumn("heading_std", "rad"): np.sqrt(matches.covariance[:, 2, 2]),
+            TableColumn("ambiguity"): matches.ambiguity,
         }
         for name, covariance in self.predicted.items():
             predicted_major, _, towards = position_axes(covariance)
-            values[Column(f"{name}_major_std", "m")] = predicted_major
-            values[Column(f"{name}_major_axis", "rad")] = towards
+            values[TableColumn(f"{name}_major_std", "m")] = predicted_major
+            values[TableColumn(f"{name}_major_axis", "rad")] = towards
         rows = np.column_stack([*values.values()]).astype(float).tolist()
         return Table(tuple(values), tuple(map(tuple, rows)))
 
@@ -560,7 +563,7 @@ def make_estimators(lidar: Lidar) -> dict[str, Estimator]:
     return {"sad": Sad(), "fisher": Fisher(lidar), "scan": Scan(lidar), "fused": Fused(lidar)}
 
 
-def _describe_fields(agreements: Mapping[str, EstimatorAgreement]) -> str:
+def _describe_fields(agreements: Mapping[str, PredictionAgreement]) -> str:
     """Return the verdict on the best field, in one sentence."""
     names = [name for name in PREFERRED if name in agreements]
     names += [name for name in agreements if name not in names]
@@ -600,6 +603,6 @@ def _describe_fields(agreements: Mapping[str, EstimatorAgreement]) -> str:
     )
 
 
-def _compute_mean_axis(directions: NDArray[np.float64]) -> int:
+def _compute_mean_axis_degrees(directions: NDArray[np.float64]) -> int:
     """Compute the mean of undirected axes, in whole degrees from 0 to 179."""
     return round(math.degrees(float(np.angle(np.exp(2j * directions).mean()))) / 2) % 180

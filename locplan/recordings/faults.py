@@ -13,7 +13,7 @@ from locplan._support.kernels.arrays import Array, Bools, Floats, Ints, Octets
 from locplan._support.poses import (
     compute_motions,
     compute_travel_distances,
-    place_ends,
+    move_ends_to_poses,
     wrap_angles,
 )
 from locplan.errors import RecordingError
@@ -99,15 +99,15 @@ def measure_steps(recording: Recording) -> ScanSteps:
     recording : Recording
         The drive, with odometry.
     """
-    from locplan._support.kernels.likelihood import make_lattice
+    from locplan._support.kernels.likelihood import make_scan_lattice
 
     odometry = recording.odometry
     assert odometry is not None
     scans = find_step_ends(odometry, recording.times)
     reported = compute_motions(odometry[scans[:-1]], odometry[scans[1:]])
     reported[:, 2] = wrap_angles(reported[:, 2])
-    outlines, ends = _find_outlines(recording, scans), _select_beam_ends(recording, scans)
-    lattice = make_lattice(HALF_STEPS, np.radians(np.arange(-HALF_TURNS, HALF_TURNS + 1.0)))
+    outlines, ends = _find_wall_ends(recording, scans), _select_beam_ends(recording, scans)
+    lattice = make_scan_lattice(HALF_STEPS, np.radians(np.arange(-HALF_TURNS, HALF_TURNS + 1.0)))
     measured = np.full_like(reported, np.nan)
     scores, gains = np.full(len(reported), np.nan), np.zeros(len(reported))
     hidden = np.zeros(len(reported), np.bool_)
@@ -153,7 +153,7 @@ def _select_beam_ends(recording: Recording, scans: Ints) -> list[Floats]:
     return [part[is_near] for part, is_near in zip(ends, near, strict=True)]
 
 
-def _find_outlines(recording: Recording, scans: Ints) -> list[tuple[Floats, Bools]]:
+def _find_wall_ends(recording: Recording, scans: Ints) -> list[tuple[Floats, Bools]]:
     """Find the beam ends of each scan that have a neighbour on the same wall.
 
     Returns the ends, and the mask of ends that are joined to the next one. Isolated ends are
@@ -172,19 +172,19 @@ def _find_outlines(recording: Recording, scans: Ints) -> list[tuple[Floats, Bool
 
 
 def _score_motions(
-    motion: Floats, outline: Floats, is_joined: Bools, ends: Floats, lattice: Any
+    reported_motion: Floats, wall_ends: Floats, is_joined: Bools, ends: Floats, lattice: Any
 ) -> Array:
     """Score motions around a reported one by a scan's ends, (turn, left, forward)."""
     from locplan._support.kernels.likelihood import TOP
     from locplan._support.kernels.posterior import score_scan
 
-    low = outline.min(axis=0) - CELL
+    low = wall_ends.min(axis=0) - CELL
     field = make_likelihood_field(
-        _draw_scan_map(outline, is_joined, low), CELL, 1, HALF_STEPS, SIGMA, ANYWHERE
+        _draw_scan_map(wall_ends, is_joined, low), CELL, 1, HALF_STEPS, SIGMA, ANYWHERE
     )
-    position = (motion[:2] - low) / CELL
+    position = (reported_motion[:2] - low) / CELL
     cell = np.floor(position).astype(np.int64)
-    cos, sin = math.cos(motion[2]), math.sin(motion[2])
+    cos, sin = math.cos(reported_motion[2]), math.sin(reported_motion[2])
     rotated_ends = ends @ np.array([[cos, sin], [-sin, cos]]) / CELL + (position - cell - 0.5)
     costs = np.empty_like(lattice.empty)
     score_scan(field, lattice, int(cell[1]), int(cell[0]), rotated_ends, costs)
@@ -193,11 +193,11 @@ def _score_motions(
     return np.asarray(1.0 - values / (TOP * len(ends)))
 
 
-def _draw_scan_map(outline: Floats, is_joined: Bools, low: Floats) -> Octets:
+def _draw_scan_map(wall_ends: Floats, is_joined: Bools, corner: Floats) -> Octets:
     """Draw a map of a scan, with walls between joined ends."""
     import cv2
 
-    places = np.floor((outline - low) / CELL).astype(np.int32)
+    places = np.floor((wall_ends - corner) / CELL).astype(np.int32)
     cols, rows = places.max(axis=0) + 2
     levels = np.full((rows, cols), FREE, np.uint8)
     lines = [places[n : n + 2] for n in np.flatnonzero(is_joined)]
@@ -264,7 +264,7 @@ def find_longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStre
 
 def _compute_wall_distances(recording: Recording, poses: Floats, grid: OccupancyGrid) -> Floats:
     """Compute the mean distance of each scan's ends from walls, (n,) [m]; 0 with few returns."""
-    ends = place_ends(recording.ends_on_robot(), poses)
+    ends = move_ends_to_poses(recording.ends_on_robot(), poses)
     wall_distances = look_up_cells(grid, grid.clearance, ends, math.inf)
     returns = np.isfinite(ends[..., 0])
     count = returns.sum(axis=1)
@@ -305,7 +305,7 @@ STRETCH = 2.0
 
 
 @dataclass(frozen=True)
-class Disagreement:
+class OdometryDisagreement:
     """Disagreement between odometry and scans at a place of a drive."""
 
     x: float
@@ -348,7 +348,7 @@ class RecordingFaults:
 
     faulty_steps: Bools
     """Mask of the steps between scans at which odometry is wrong, (scans - 1,)."""
-    disagreements: tuple[Disagreement, ...]
+    disagreements: tuple[OdometryDisagreement, ...]
     """Places where odometry and scans disagree by over 0.15 m per step, in order."""
     n_backward_steps: int
     """Number of steps with backward motion by the scans."""
@@ -450,7 +450,7 @@ def _format_place_count(count: int) -> str:
     return "1 place" if count == 1 else f"{count:,} places"
 
 
-def _format_position(place: Disagreement | MisfitStretch) -> str:
+def _format_position(place: OdometryDisagreement | MisfitStretch) -> str:
     """Format the position of a place."""
     return f"({place.x:.1f}, {place.y:.1f})"
 
@@ -501,12 +501,12 @@ def find_recording_faults(
         )
     jumps, resets = find_odometry_jumps(odometry, recording.times)
     steps = measure_steps(recording)
-    is_judged = steps.is_judged & ~_coarsen_mask(jumps, steps.scans)
+    is_judged = steps.is_judged & ~_merge_scan_step_mask(jumps, steps.scans)
     disagree = steps.is_contradicted & is_judged
     moves_back = (steps.motions[:, 0] < BACK) & is_judged
     is_reversed = disagree & moves_back & (steps.reported[:, 0] > FORWARD)
     return RecordingFaults(
-        faulty_steps=jumps | _refine_mask(_widen_mask(disagree), steps.scans, count),
+        faulty_steps=jumps | _split_into_scan_step_mask(_widen_mask(disagree), steps.scans, count),
         disagreements=_find_disagreements(recording, steps, disagree),
         n_backward_steps=int(moves_back.sum()),
         n_reversed_steps=int(is_reversed.sum()),
@@ -535,31 +535,33 @@ def find_odometry_jumps(odometry: Floats, times: Floats | None) -> tuple[Bools, 
     return is_jump, is_jump & (from_start < NEAR_ZERO)
 
 
-def _widen_mask(marked: Bools) -> Bools:
+def _widen_mask(is_marked: Bools) -> Bools:
     """Add the steps before and after marked ones, because faults begin and end within steps."""
-    return np.asarray(np.convolve(marked, np.ones(3), "same") > 0) if len(marked) else marked
+    return (
+        np.asarray(np.convolve(is_marked, np.ones(3), "same") > 0) if len(is_marked) else is_marked
+    )
 
 
-def _coarsen_mask(mask: Bools, ends: Ints) -> Bools:
+def _merge_scan_step_mask(is_marked: Bools, step_ends: Ints) -> Bools:
     """Convert a mask of steps between scans to steps between ends that contain a marked step."""
-    before = np.append(0, np.cumsum(mask))
-    return np.asarray(before[ends[1:]] > before[ends[:-1]])
+    before = np.append(0, np.cumsum(is_marked))
+    return np.asarray(before[step_ends[1:]] > before[step_ends[:-1]])
 
 
-def _refine_mask(marked: Bools, ends: Ints, scans: int) -> Bools:
+def _split_into_scan_step_mask(is_marked: Bools, step_ends: Ints, n_scans: int) -> Bools:
     """Convert a mask of steps between ends to all steps between scans within marked ones."""
-    of_step = np.searchsorted(ends, np.arange(scans - 1), side="right") - 1
-    is_within = of_step < len(marked)
-    return np.asarray(is_within & np.append(marked, False)[np.minimum(of_step, len(marked))])
+    of_step = np.searchsorted(step_ends, np.arange(n_scans - 1), side="right") - 1
+    is_within = of_step < len(is_marked)
+    return np.asarray(is_within & np.append(is_marked, False)[np.minimum(of_step, len(is_marked))])
 
 
 def _find_disagreements(
-    recording: Recording, steps: ScanSteps, disagree: Bools
-) -> tuple[Disagreement, ...]:
+    recording: Recording, steps: ScanSteps, is_disagreeing: Bools
+) -> tuple[OdometryDisagreement, ...]:
     """Find the disagreements, with steps near each other merged."""
     odometry = recording.odometry
     assert odometry is not None
-    numbers, way = np.flatnonzero(disagree), compute_travel_distances(odometry)[steps.scans]
+    numbers, way = np.flatnonzero(is_disagreeing), compute_travel_distances(odometry)[steps.scans]
     poses = recording.poses if recording.has_poses else odometry
     if not len(numbers):
         return ()
@@ -567,7 +569,7 @@ def _find_disagreements(
     places = []
     for group in np.split(numbers, np.flatnonzero(is_apart) + 1):
         x, y, _ = poses[steps.scans[group[0]]].tolist()
-        places.append(Disagreement(x, y, float(steps.errors[group].sum())))
+        places.append(OdometryDisagreement(x, y, float(steps.errors[group].sum())))
     return tuple(places)
 
 

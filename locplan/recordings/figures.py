@@ -16,9 +16,14 @@ from matplotlib.patches import Ellipse
 from numpy.typing import ArrayLike
 
 from locplan._support import drawing as style
-from locplan._support.drawing import FIELD_COLOURS, Picture, draw_number, label_with_plain_numbers
+from locplan._support.drawing import (
+    FIELD_COLOURS,
+    NotebookFigure,
+    draw_number,
+    label_with_plain_numbers,
+)
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.poses import compute_travel_distances, place_ends
+from locplan._support.poses import compute_travel_distances, move_ends_to_poses
 from locplan.field.covariance import position_axes
 from locplan.maps.figures import compute_figure_size, crop_map, draw_map, zoom_map
 from locplan.maps.grid import OccupancyGrid
@@ -90,19 +95,21 @@ def drive_figure(drive_evaluation: DriveEvaluation) -> Figure:
     return _add_sentences(figure, *drive_evaluation.verdict)
 
 
-def _make_recording_axes(grid: OccupancyGrid, recording: Recording) -> tuple[Picture, Axes, Axes]:
+def _make_recording_axes(
+    grid: OccupancyGrid, recording: Recording
+) -> tuple[NotebookFigure, Axes, Axes]:
     """Make a figure with the map around a recording, and axes for profiles along it."""
     return _make_drive_axes(grid, recording.poses, recording.source.file, recording.lidar.title)
 
 
 def _make_drive_axes(
     grid: OccupancyGrid, poses: Floats, file: str, subtitle: str
-) -> tuple[Picture, Axes, Axes]:
+) -> tuple[NotebookFigure, Axes, Axes]:
     """Make a figure with the map around a drive's poses, and axes for profiles along it."""
     drive_paths = [Path(poses[:, :2])]
     part = crop_map(grid, drive_paths)
     width, height = compute_figure_size(part)
-    figure = Picture(figsize=(width, height + 3.0), layout="constrained")
+    figure = NotebookFigure(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, part)
     draw_inset(upper, grid, part, drive_paths)
@@ -335,13 +342,13 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     grid, best = location.grid, location.best
     width, height = compute_figure_size(grid)
     on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
-    ends = place_ends(on_robot, np.array([best.pose]))[0]
+    ends = move_ends_to_poses(on_robot, np.array([best.pose]))[0]
     end_distances = np.hypot(*(ends - np.array(best.pose[:2])).T)
     # Minimum distance from the robot to the edges of the close-up [m].
     reach = max(4.0, 1.1 * float(np.nanquantile(end_distances, 0.95)))
     # A close-up is drawn only if it is clearly smaller than the map.
     columns = 2 if 2 * reach < 0.6 * max(grid.shape) * grid.resolution else 1
-    figure = Picture(
+    figure = NotebookFigure(
         figsize=(width + (columns - 1) * CLOSE_UP_WIDTH, max(height, CLOSE_UP_WIDTH) + 1.2),
         layout="constrained",
     )
@@ -493,10 +500,10 @@ def located_drive_figure(located_drive: LocatedDrive) -> Figure:
     return figure
 
 
-def _make_map_axes(grid: OccupancyGrid, extra_height: float) -> tuple[Picture, Axes]:
+def _make_map_axes(grid: OccupancyGrid, extra_height: float) -> tuple[NotebookFigure, Axes]:
     """Make a figure with a map on its Axes, and extra height for the legend [inch]."""
     width, height = compute_figure_size(grid)
-    figure = Picture(figsize=(width, height + extra_height), layout="constrained")
+    figure = NotebookFigure(figsize=(width, height + extra_height), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, grid)
     return figure, axes

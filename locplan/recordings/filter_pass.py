@@ -18,7 +18,7 @@ from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Floats, Singles
 from locplan._support.output import replace_file
 from locplan._support.progress import ProgressCallback
-from locplan.field.beams import find_wall_cells
+from locplan.field.beams import find_wall_surface_cells
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.recordings.matching import ScanDatabase, ScanOnMap
@@ -42,7 +42,7 @@ BLOCK = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Walls:
+class WallDistances:
     """The distances of a map's cells from its walls."""
 
     grid: OccupancyGrid
@@ -54,7 +54,7 @@ class Walls:
 
         from locplan._support.kernels.particles import BeamScores
 
-        is_clear = 1 - find_wall_cells(self.grid.cells == OCCUPIED)
+        is_clear = 1 - find_wall_surface_cells(self.grid.cells == OCCUPIED)
         distances = cv2.distanceTransform(is_clear, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         distances = np.minimum(distances * self.grid.resolution, FAR_FROM_WALLS)
         distances = np.pad(distances, 1, constant_values=FAR_FROM_WALLS).astype(np.float32)
@@ -74,21 +74,21 @@ class Walls:
         return 1e-12 / (2 * math.pi * area)
 
 
-def beam_model(sigma: float, effective: float) -> Any:
+def make_beam_model(sigma: float, n_effective_beams: float) -> Any:
     """Make the likelihood model of a scan for the kernels.
 
-    `effective` is the number of independent beams, `sigma` their standard deviation [m].
+    `n_effective_beams` is the number of independent beams, `sigma` their standard deviation [m].
     """
     from locplan.recordings.kernels.least_squares import Beams
 
-    return Beams(sigma, ANYWHERE, effective, UNEXPLAINED)
+    return Beams(sigma, ANYWHERE, n_effective_beams, UNEXPLAINED)
 
 
 @dataclass(frozen=True, eq=False)
 class FilterPass:
     """One run of the filter along k scans of a drive, in one direction."""
 
-    walls: Walls
+    walls: WallDistances
     database: ScanDatabase
     """Scans at all places of the map, for global localization."""
     ranges: NDArray[np.float32]
@@ -121,7 +121,7 @@ class FilterPass:
                 clouds[k], best_fits[k] = self._update(k, clouds[k - 1], best_fits[:k], n_poor)
                 if folder and (k + 1) % BLOCK == 0:
                     self._write_block(folder, k + 1, clouds, best_fits)
-            n_poor = n_poor + 1 if best_fits[k] < _poor_fit(best_fits[:k]) else 0
+            n_poor = n_poor + 1 if best_fits[k] < _compute_poor_fit_threshold(best_fits[:k]) else 0
             progress(k + 1, count)
         samples = np.empty((TRAJECTORIES, count, 3))
         random = make_generator(self.seed, SMOOTH, self.number, count)
@@ -140,11 +140,14 @@ class FilterPass:
         """
         from locplan.recordings.kernels.trajectory import resample_evenly
 
-        random, poor = make_generator(self.seed, SMOOTH, self.number, k), _poor_fit(earlier_fits)
+        random, poor = (
+            make_generator(self.seed, SMOOTH, self.number, k),
+            _compute_poor_fit_threshold(earlier_fits),
+        )
         for size in (PARTICLES, 4 * PARTICLES, MAX_PARTICLES):
-            poses = self._predict(random, k, cloud, size)
+            poses = self._predict_particles(random, k, cloud, size)
             fits = self._compute_fits(k, poses)
-            weights = _weigh(fits)
+            weights = _compute_particle_weights(fits)
             effective = weights.sum() ** 2 / (weights**2).sum()
             is_poor = fits.max() < poor
             # 150 effective particles suffice.
@@ -152,48 +155,52 @@ class FilterPass:
                 break
         # Search the whole map at every third poor scan, and if no particle explains the scan.
         if k and is_poor and (n_poor % 3 == 2 or fits.max() < UNEXPLAINED):
-            map_poses, count = self._draw_anywhere(random, k, 1000), poses.shape[1]
+            map_poses, count = self._draw_on_whole_map(random, k, 1000), poses.shape[1]
             poses = np.ascontiguousarray(np.concatenate([poses, map_poses], axis=1))
             fits = np.concatenate([fits, self._compute_fits(k, map_poses)])
-            weights = _weigh(fits)
+            weights = _compute_particle_weights(fits)
             # Poses from the whole map have a low prior.
             weights[count:] *= math.exp(-14.0) * count / map_poses.shape[1]
         new_cloud = np.empty_like(cloud)
         resample_evenly(random, poses, weights, new_cloud)
         return new_cloud, fits.max()
 
-    def _predict(self, random: np.random.Generator, k: int, cloud: Singles, size: int) -> Floats:
-        """Predict poses at scan `k` from the cloud at the previous scan, (3, size)."""
+    def _predict_particles(
+        self, random: np.random.Generator, scan_number: int, cloud: Singles, size: int
+    ) -> Floats:
+        """Predict poses at scan `scan_number` from the cloud at the previous scan, (3, size)."""
         from locplan.recordings.kernels.trajectory import spread_particles
 
-        if k == 0:
-            return self._draw_first(random)
+        if scan_number == 0:
+            return self._draw_first_particles(random)
         poses = np.empty((3, size))
-        spread_particles(random, cloud, self.ways[k], self.deviations[k], poses)
+        spread_particles(random, cloud, self.ways[scan_number], self.deviations[scan_number], poses)
         return poses
 
-    def _compute_fits(self, k: int, poses: Floats) -> Floats:
+    def _compute_fits(self, scan_number: int, poses: Floats) -> Floats:
         """Compute log-likelihoods per beam of a scan at poses (3, m), (m,); 0 with few returns."""
         from locplan._support.kernels.particles import add_scores
 
-        ends, sums = self.ends[k] / self.walls.grid.resolution, np.zeros(poses.shape[1])
+        ends, sums = self.ends[scan_number] / self.walls.grid.resolution, np.zeros(poses.shape[1])
         returns = int(np.isfinite(ends[:, 0]).sum())
         # Scans with fewer returns are ignored.
         if returns >= 5:
             add_scores(self.walls.scores, ends, poses, poses.shape[1], sums)
         return sums / max(returns, 1)
 
-    def _draw_first(self, random: np.random.Generator) -> Floats:
+    def _draw_first_particles(self, random: np.random.Generator) -> Floats:
         """Draw particles around the first pose, or from the whole map, (3, m)."""
         if self.start is None:
-            return self._draw_anywhere(random, 0, 2 * PARTICLES)
+            return self._draw_on_whole_map(random, 0, 2 * PARTICLES)
         errors = random.standard_normal((2 * PARTICLES, 3)) * (0.5, 0.5, math.radians(10))
         return np.ascontiguousarray((self.start + errors).T)
 
-    def _draw_anywhere(self, random: np.random.Generator, k: int, size: int) -> Floats:
+    def _draw_on_whole_map(
+        self, random: np.random.Generator, scan_number: int, size: int
+    ) -> Floats:
         """Draw poses from the whole map that explain a scan, or random poses, (3, m)."""
         places, resolution = self.database.full_database, self.walls.grid.resolution
-        ranges = places.matching.select_ranges(self.ranges[[k]].astype(np.float64))[0]
+        ranges = places.matching.select_ranges(self.ranges[[scan_number]].astype(np.float64))[0]
         modes = ScanOnMap(places, ranges).find_modes()
         if len(modes.poses):
             shares = np.exp(-0.5 * np.minimum(modes.losses - modes.losses[0], 8.0))
@@ -227,10 +234,10 @@ class FilterPass:
         return n_done
 
     def _block_file(self, folder: Path, n_done: int) -> Path:
-        return folder / f"pass_{self.number}_{self._key}_{n_done}.npz"
+        return folder / f"pass_{self.number}_{self._digest}_{n_done}.npz"
 
     @cached_property
-    def _key(self) -> str:
+    def _digest(self) -> str:
         """Digest of all inputs of the pass, which identifies its saved blocks."""
         digest = hashlib.sha256(repr((self.walls.grid.digest, self.seed)).encode())
         for array in (self.ranges, self.ends, self.ways, self.deviations, self.start):
@@ -238,12 +245,12 @@ class FilterPass:
         return digest.hexdigest()[:16]
 
 
-def _weigh(fits: Floats) -> Floats:
+def _compute_particle_weights(fits: Floats) -> Floats:
     """Compute the weights of particles from their log-likelihoods per beam."""
     return np.asarray(np.exp(BEAMS * np.maximum(fits, UNEXPLAINED)))
 
 
-def _poor_fit(best_fits: Floats) -> float:
+def _compute_poor_fit_threshold(best_fits: Floats) -> float:
     """Compute the threshold of a poor fit from the best fits of previous scans."""
     finite_fits = best_fits[np.isfinite(best_fits)]
     return max(-0.8, float(np.median(finite_fits)) - 0.35) if len(finite_fits) > 10 else -0.8

@@ -25,7 +25,7 @@ from locplan._support.output import ResultFiles
 from locplan._support.poses import wrap_angles
 from locplan._support.progress import ProgressCallback
 from locplan._support.public import DrawableResult
-from locplan._support.records import Column, Result, Table
+from locplan._support.records import Result, Table, TableColumn
 from locplan._support.tables import REPORT_WIDTH, nan_to_none
 from locplan.errors import ConfigError, RecordingError
 from locplan.field.covariance import position_axes
@@ -89,7 +89,7 @@ def format_drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> s
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Mode:
+class LocationMode:
     """A locally best pose of a scan."""
 
     pose: tuple[float, float, float]
@@ -118,18 +118,18 @@ class Mode:
 
 
 POSE = (
-    Column("x", "m", "x", value=lambda mode: mode.pose[0]),
-    Column("y", "m", "y", value=lambda mode: mode.pose[1]),
-    Column("heading", "rad", "heading", 1, "deg", value=lambda mode: mode.pose[2]),
+    TableColumn("x", "m", "x", value=lambda mode: mode.pose[0]),
+    TableColumn("y", "m", "y", value=lambda mode: mode.pose[1]),
+    TableColumn("heading", "rad", "heading", 1, "deg", value=lambda mode: mode.pose[2]),
 )
 DEVIATIONS = (
-    Column("position_std", "m", "std. dev.", 0, "cm"),
-    Column("heading_std", "rad", "std. dev.", 1, "deg"),
+    TableColumn("position_std", "m", "std. dev.", 0, "cm"),
+    TableColumn("heading_std", "rad", "std. dev.", 1, "deg"),
 )
-WEIGHT = Column("weight", "", "weight", 0, "%")
+WEIGHT = TableColumn("weight", "", "weight", 0, "%")
 
 
-def _make_covariance_getter(row: int, col: int) -> Callable[[Mode], float]:
+def _make_covariance_getter(row: int, col: int) -> Callable[[LocationMode], float]:
     """Make a function that returns an entry of a mode's covariance."""
     return lambda mode: float(mode.covariance[row, col])
 
@@ -137,10 +137,10 @@ def _make_covariance_getter(row: int, col: int) -> Callable[[Mode], float]:
 MODES = (
     *POSE,
     WEIGHT,
-    Column("excess", "nat", "worse by", 1),
+    TableColumn("excess", "nat", "worse by", 1),
     *DEVIATIONS,
     *(
-        Column(f"covariance_{'xyh'[row]}{'xyh'[col]}", value=_make_covariance_getter(row, col))
+        TableColumn(f"covariance_{'xyh'[row]}{'xyh'[col]}", value=_make_covariance_getter(row, col))
         for row, col in combinations_with_replacement(range(3), 2)
     ),
 )
@@ -156,7 +156,7 @@ class Location(DrawableResult):
     """The lidar of the scan."""
     ranges: Floats
     """The scan: distances along the lidar's beams, (beams,) [m]; inf without a return."""
-    modes: tuple[Mode, ...]
+    modes: tuple[LocationMode, ...]
     """Poses that explain the scan, the best first."""
     second_excess: float
     """Excess of the second best place [nats]; infinite if there is none within 8 nats."""
@@ -169,7 +169,7 @@ class Location(DrawableResult):
         return f"Location({self.best!r}, second {self.second_excess:.1f} nats)"
 
     @property
-    def best(self) -> Mode:
+    def best(self) -> LocationMode:
         """The pose that explains the scan best."""
         return self.modes[0]
 
@@ -190,7 +190,7 @@ class Location(DrawableResult):
         similar_modes = [mode for mode in self.modes if mode.excess <= CERTAIN]
         if self.is_certain:
             text = (
-                f"The robot is at {_format_place(self.best)} (±"
+                f"The robot is at {_format_mode_pose(self.best)} (±"
                 f" {100 * self.best.position_std:.0f} cm,"
                 f" {math.degrees(self.best.heading_std):.1f}°): no other place{region_text}"
                 " explains the"
@@ -198,7 +198,9 @@ class Location(DrawableResult):
             )
         elif len(similar_modes) <= 3:
             count = ("Two", "Three")[len(similar_modes) - 2]
-            mode_texts = [f"{_format_place(mode)} ({mode.weight:.0%})" for mode in similar_modes]
+            mode_texts = [
+                f"{_format_mode_pose(mode)} ({mode.weight:.0%})" for mode in similar_modes
+            ]
             place_list = f"{', '.join(mode_texts[:-1])} and {mode_texts[-1]}"
             text = f"{count} places{region_text} look alike: {place_list}."
         else:
@@ -207,7 +209,7 @@ class Location(DrawableResult):
             count_suffix = "or more " if cut and len(similar_modes) == len(self.modes) else ""
             text = (
                 f"{len(similar_modes)} {count_suffix}places{region_text} look alike; the best,"
-                f" {_format_place(self.best)}, has"
+                f" {_format_mode_pose(self.best)}, has"
                 f" {self.best.weight:.0%} of the posterior."
             )
         if self.fits:
@@ -238,7 +240,7 @@ class Location(DrawableResult):
         return locate_figure(self, recorded=recorded)
 
 
-def _format_place(mode: Mode) -> str:
+def _format_mode_pose(mode: LocationMode) -> str:
     """Format the pose of a mode, without -0."""
     x, y, heading = mode.pose
     turn = round(math.degrees(heading)) + 0.0
@@ -246,16 +248,16 @@ def _format_place(mode: Mode) -> str:
 
 
 SCANS = (
-    Column("scan", title="scan", digits=0),
-    Column("time", "s"),
+    TableColumn("scan", title="scan", digits=0),
+    TableColumn("time", "s"),
     *POSE,
     WEIGHT,
-    Column("second", "nat", "second", 1),
-    Column("explained"),
+    TableColumn("second", "nat", "second", 1),
+    TableColumn("explained"),
     *(replace(column, title=None) for column in DEVIATIONS),
     *(replace(column, name=f"recorded_{column.name}", title=None) for column in POSE),
-    Column("distance", "m", "off by", 1, "cm"),
-    Column("turn", "rad", "turned by", 1, "deg"),
+    TableColumn("distance", "m", "off by", 1, "cm"),
+    TableColumn("turn", "rad", "turned by", 1, "deg"),
 )
 
 
@@ -615,7 +617,7 @@ def locate_scan(
     world = places.convert_to_world(poses[best])
     matched = database.matcher.compute_posteriors(np.repeat(on_robot, len(best), axis=0), world)
     modes = [
-        Mode(tuple(pose), float(weight), float(above), covariance)
+        LocationMode(tuple(pose), float(weight), float(above), covariance)
         for pose, weight, above, covariance in zip(
             world.tolist(), share[:count], excess[:count], matched.covariance, strict=True
         )

@@ -15,10 +15,10 @@ from locplan._support.checks import (
     MAX_RANGE,
     Settings,
     check_integer,
+    format_suggestion,
     parse_finite_numbers,
     set_frozen_fields,
     short_repr,
-    suggestion_text,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import wrap_angles
@@ -114,7 +114,7 @@ class ReadOptions(LogTopics):
             if name not in lidar_fields:
                 raise RecordingError(
                     f"its lidar has no {short_repr(name)}; known are {', '.join(lidar_fields)}"
-                    f"{suggestion_text(name, lidar_fields)}"
+                    f"{format_suggestion(name, lidar_fields)}"
                 )
         try:
             lidar = Lidar(**values)
@@ -316,11 +316,11 @@ def check_poses(name: str, values: object) -> Floats:
     )
 
 
-def check_array(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
+def check_array(name: str, values: object, dtype: np.dtype[Any], dimensions: int) -> NDArray[Any]:
     """Return a read-only array of numbers, a copy unless it is read-only already."""
     try:
         with np.errstate(over="ignore"):  # no lidar's range exceeds single precision
-            array = np.asarray(values, kind)
+            array = np.asarray(values, dtype)
     except (TypeError, ValueError, OverflowError):
         raise RecordingError(
             f"{name} must be an array of numbers, not {short_repr(values)}"

@@ -17,8 +17,8 @@ from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.poses import (
     apply_motions,
     compute_motions,
+    move_ends_to_poses,
     move_poses,
-    place_ends,
     wrap_angles,
 )
 from locplan._support.progress import ProgressCallback, split_progress
@@ -27,7 +27,7 @@ from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.map_faults import MapFault, find_bounding_boxes
 from locplan.maps.occupancy import FREE, OCCUPIED
-from locplan.recordings.calibration import MAD, SeenWalls
+from locplan.recordings.calibration import MAD, RecordingRangeMatcher
 from locplan.recordings.evaluation import (
     MIN_FIT_SHARE,
     find_cells_near_walls,
@@ -124,12 +124,12 @@ def fit_ranges(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit
 
 
 def _collect_equations(
-    grid: OccupancyGrid, recordings: Sequence[Recording], factor: float
+    grid: OccupancyGrid, recordings: Sequence[Recording], range_factor: float
 ) -> tuple[list[Floats], Ints]:
     """Collect the equations of all scans with ranges divided by a factor, and their blocks."""
     parts, blocks, first = [], [], 0
     for recording in recordings:
-        drive_equations, of_scan = _build_equations(grid, recording, factor)
+        drive_equations, of_scan = _build_equations(grid, recording, range_factor)
         parts += drive_equations
         blocks += (first + of_scan).tolist()
         first = max([first, *blocks]) + 1
@@ -149,19 +149,19 @@ def _collect_equations(
 
 
 def _build_equations(
-    grid: OccupancyGrid, recording: Recording, factor: float
+    grid: OccupancyGrid, recording: Recording, range_factor: float
 ) -> tuple[list[Floats], Ints]:
     """Build the equations of each scan with enough beams at walls, and return the scans' blocks.
 
     A row is (range, 1, difference, derivatives by the pose (x, y, heading)), across the wall.
     """
-    walls, rows, used = SeenWalls(grid, recording), [], []
+    walls, rows, used = RecordingRangeMatcher(grid, recording), [], []
     far = max(FAR, FAR_CELLS * grid.resolution)
     scan_numbers = np.unique(np.linspace(0, len(recording) - 1, RANGE_SCANS).astype(np.int64))
     steps = np.diag([grid.resolution, grid.resolution, math.radians(0.5)])
     for scan in scan_numbers.tolist():
-        measured = recording.ranges[scan, :: walls.beam_step].astype(np.float64) / factor
-        pose = walls.settle_pose(recording.poses[scan], measured)
+        measured = recording.ranges[scan, :: walls.beam_step].astype(np.float64) / range_factor
+        pose = walls.match_pose(recording.poses[scan], measured)
         expected = walls.cast_ranges(pose, walls.sparse_beams)
         with np.errstate(invalid="ignore"):
             ways = np.column_stack(
@@ -291,7 +291,7 @@ class _BeamSample(NamedTuple):
 
     def ends(self) -> Floats:
         """Return the ends of the returns in the map's frame, (k, 2) [m]."""
-        ends = place_ends(self.on_robot, self.poses).reshape(-1, 2)
+        ends = move_ends_to_poses(self.on_robot, self.poses).reshape(-1, 2)
         return ends[np.isfinite(ends[:, 0])]
 
 
@@ -342,16 +342,22 @@ def fit_to_map(
     distance, near = find_cells_near_walls(grid)
     sample = _select_beam_sample(recording)
     ends = sample.ends()
-    share = _compute_share(grid, near, ends)
+    share = _compute_share_near_walls(grid, near, ends)
     search, starts = _MoveSearch(grid, ends, sample.poses[:, :2]), [(0.0, 0.0, 0.0)]
     if share < MIN_FIT_SHARE:
         starts += search.search_all_moves(progress)
     move = search.refine_moves(starts)
-    best = _compute_share(grid, near, sample._replace(poses=move_poses(sample.poses, move)).ends())
+    best = _compute_share_near_walls(
+        grid, near, sample._replace(poses=move_poses(sample.poses, move)).ends()
+    )
     if best <= share:
         move, best = (0.0, 0.0, 0.0), share
     mount = _find_mount(grid, near, sample, best) if best < MIN_FIT_SHARE else ""
-    ranges = None if best >= MIN_FIT_SHARE or mount else _explain_by_ranges(grid, near, recording)
+    ranges = (
+        None
+        if best >= MIN_FIT_SHARE or mount
+        else _find_explaining_range_fit(grid, near, recording)
+    )
     return MapFit(share, best, move, distance, _move_origin(grid, move), mount, ranges)
 
 
@@ -389,7 +395,7 @@ def check_recording_on_map(
     check_grid(grid)
     if not (grid.cells == OCCUPIED).any():
         return  # functions that use the recording reject this map
-    share = _measure_agreement(recording, grid, database)
+    share = _measure_range_agreement(recording, grid, database)
     if not share < SAME_PLACE:
         return
     name = make_printable(recording.source.file) or "the recording"
@@ -408,16 +414,16 @@ def _find_lidar_fault(recording: Recording, grid: OccupancyGrid) -> str:
     """Explain a bad fit by a wrong mount or wrong ranges; return an empty text otherwise."""
     distance, near = find_cells_near_walls(grid)
     sample = _select_beam_sample(recording)
-    share = _compute_share(grid, near, sample.ends())
+    share = _compute_share_near_walls(grid, near, sample.ends())
     mount = _find_mount(grid, near, sample, share)
-    ranges = None if mount else _explain_by_ranges(grid, near, recording)
+    ranges = None if mount else _find_explaining_range_fit(grid, near, recording)
     if not mount and ranges is None:
         return ""
     fit = MapFit(share, share, (0.0, 0.0, 0.0), distance, grid.origin, mount, ranges)
     return fit.sentence.rstrip(".")
 
 
-def _measure_agreement(
+def _measure_range_agreement(
     recording: Recording, grid: OccupancyGrid, database: ScanDatabase | None
 ) -> float:
     """Compute the mean share of agreeing ranges along a drive; NaN if no scan can be located."""
@@ -429,7 +435,7 @@ def _measure_agreement(
     scans = np.unique(np.searchsorted(way, at))
     poses = _find_start_poses(recording, grid, scans, database)
     is_located = np.isfinite(poses).all(axis=1)
-    walls = SeenWalls(grid, recording)
+    walls = RecordingRangeMatcher(grid, recording)
     steps = STEP * np.arange(1, STEPS + 1)
     shares = []
     for scan, start in zip(scans[is_located], poses[is_located], strict=True):
@@ -453,7 +459,8 @@ def _find_start_poses(
     near = find_cells_near_walls(grid)[1]
     if (
         recording.has_poses
-        and _compute_share(grid, near, _select_beam_sample(recording).ends()) >= MIN_FIT_SHARE
+        and _compute_share_near_walls(grid, near, _select_beam_sample(recording).ends())
+        >= MIN_FIT_SHARE
     ):
         return recording.poses[scans]
     try:
@@ -463,7 +470,7 @@ def _find_start_poses(
 
 
 def _compare_ranges(
-    walls: SeenWalls, recording: Recording, scan: int, pose: Floats
+    walls: RecordingRangeMatcher, recording: Recording, scan: int, pose: Floats
 ) -> tuple[Floats, float]:
     """Find the best pose of a scan near a start, and its share of agreeing ranges."""
     ranges = recording.ranges[scan]
@@ -472,7 +479,7 @@ def _compare_ranges(
         return pose, math.nan
     best, best_share = pose, -1.0
     for turn in TURNS:  # odometry may have a wrong turn
-        settled_pose = walls.settle_pose(
+        settled_pose = walls.match_pose(
             pose + np.array([0.0, 0.0, turn]), ranges[:: walls.beam_step]
         )
         off = np.abs(ranges[returned] - walls.cast_ranges(settled_pose, walls.beams)[returned])
@@ -484,8 +491,8 @@ def _compare_ranges(
     return best, best_share
 
 
-def _explain_by_ranges(
-    grid: OccupancyGrid, near: NDArray[np.bool_], recording: Recording
+def _find_explaining_range_fit(
+    grid: OccupancyGrid, is_near_wall: NDArray[np.bool_], recording: Recording
 ) -> RangeFit | None:
     """Return the fit of the ranges if a scale factor explains a bad fit."""
     ranges = fit_ranges(grid, [recording])
@@ -494,7 +501,8 @@ def _explain_by_ranges(
     scaled = replace(recording, ranges=recording.ranges / ranges.factor.value)
     return (
         ranges
-        if _compute_share(grid, near, _select_beam_sample(scaled).ends()) >= MIN_FIT_SHARE
+        if _compute_share_near_walls(grid, is_near_wall, _select_beam_sample(scaled).ends())
+        >= MIN_FIT_SHARE
         else None
     )
 
@@ -509,9 +517,11 @@ def _select_beam_sample(recording: Recording) -> _BeamSample:
     return _BeamSample(ends, recording.poses[scans])
 
 
-def _compute_share(grid: OccupancyGrid, near: NDArray[np.bool_], ends: Floats) -> float:
+def _compute_share_near_walls(
+    grid: OccupancyGrid, is_near_wall: NDArray[np.bool_], ends: Floats
+) -> float:
     """Compute the share of points that lie in the cells of a mask."""
-    return float(look_up_cells(grid, near, ends, False).mean())
+    return float(look_up_cells(grid, is_near_wall, ends, False).mean())
 
 
 def _move_origin(grid: OccupancyGrid, move: Move) -> Move:
@@ -523,7 +533,7 @@ def _move_origin(grid: OccupancyGrid, move: Move) -> Move:
 
 
 def _find_mount(
-    grid: OccupancyGrid, near: NDArray[np.bool_], sample: _BeamSample, best: float
+    grid: OccupancyGrid, is_near_wall: NDArray[np.bool_], sample: _BeamSample, best_share: float
 ) -> str:
     """Find a different mount of the lidar that explains the scans; empty if there is none."""
     x, y = sample.on_robot[..., 0], sample.on_robot[..., 1]
@@ -534,8 +544,10 @@ def _find_mount(
         "upside down": (x, -y),
     }
     for words, ends in mounts.items():
-        share = _compute_share(grid, near, sample._replace(on_robot=np.stack(ends, axis=-1)).ends())
-        if share >= max(MIN_FIT_SHARE, best + MIN_GAIN):
+        share = _compute_share_near_walls(
+            grid, is_near_wall, sample._replace(on_robot=np.stack(ends, axis=-1)).ends()
+        )
+        if share >= max(MIN_FIT_SHARE, best_share + MIN_GAIN):
             return words
     return ""
 
@@ -573,7 +585,7 @@ class _MoveSearch:
         for n in range(turns):
             turn = 2 * math.pi * n / turns
             rotated = (_rotate(xy, turn) for xy in (self.relative_ends, self.relative_places))
-            rasters = (_count_points(xy, cell, half) for xy in rotated)
+            rasters = (_count_points_per_cell(xy, cell, half) for xy in rotated)
             hits, stands = (rfft2(raster / raster.sum(), shape) for raster in rasters)
             score = irfft2(np.conj(hits * of_walls + 0.5 * stands * of_free), shape)
             for _ in range(2):
@@ -587,7 +599,7 @@ class _MoveSearch:
             shift = (s - n if s > n / 2 else s for s, n in zip(at, shape, strict=True))
             rows, cols = ((offset + half + 0.5) * cell / grid.resolution for offset in shift)
             x, y = map(float, grid.grid_to_world(rows, cols))
-            move = self._turn_about_origin((x, y, turn + grid.origin[2]))
+            move = self._convert_to_turn_about_origin((x, y, turn + grid.origin[2]))
             if all(self._measure_distance(move, other) > 2 * cell for other in moves):
                 moves.append(move)
             if len(moves) == 12:
@@ -599,55 +611,61 @@ class _MoveSearch:
         size = self.grid.resolution
         best, best_score = (0.0, 0.0, 0.0), -1.0
         for start in starts:
-            at, step = self._turn_about_middle(start), 0.4
+            at, step = self._convert_to_turn_about_middle(start), 0.4
             while step > size / 4:
-                at = self._climb(at, step, max(BLUR, size, step))
+                at = self._improve_move(at, step, max(BLUR, size, step))
                 step /= 2
-            score = self._score(at, max(BLUR, size))
+            score = self._score_move(at, max(BLUR, size))
             if score > best_score:
-                best, best_score = self._turn_about_origin(at), score
+                best, best_score = self._convert_to_turn_about_origin(at), score
         return best
 
-    def _climb(self, at: Move, step: float, blur: float) -> Move:
+    def _improve_move(self, move: Move, step: float, blur: float) -> Move:
         """Improve a move by steps of a fixed size until no step improves it."""
-        score, turning = self._score(at, blur), step / max(self.radius, self.grid.resolution)
+        score, turning = self._score_move(move, blur), step / max(self.radius, self.grid.resolution)
         steps = np.array([*itertools.product((-1, 0, 1), repeat=3)]) * (step, step, turning)
         for _ in range(30):
-            neighbours = [(at[0] + x, at[1] + y, at[2] + turn) for x, y, turn in steps.tolist()]
-            best_score, best_move = max((self._score(other, blur), other) for other in neighbours)
+            neighbours = [
+                (move[0] + x, move[1] + y, move[2] + turn) for x, y, turn in steps.tolist()
+            ]
+            best_score, best_move = max(
+                (self._score_move(other, blur), other) for other in neighbours
+            )
             if best_score <= score:
                 break
-            score, at = best_score, best_move
-        return at
+            score, move = best_score, best_move
+        return move
 
-    def _score(self, at: Move, blur: float) -> float:
+    def _score_move(self, move: Move, blur: float) -> float:
         """Score a move: mean nearness of ends to walls, plus half the share of free places."""
-        grid, to = self.grid, np.array(at[:2])
+        grid, to = self.grid, np.array(move[:2])
         distance = look_up_cells(
-            grid, grid.clearance, to + _rotate(self.relative_ends, at[2]), np.inf
+            grid, grid.clearance, to + _rotate(self.relative_ends, move[2]), np.inf
         )
-        free = look_up_cells(grid, grid.free, to + _rotate(self.relative_places, at[2]), 0.0)
+        free = look_up_cells(grid, grid.free, to + _rotate(self.relative_places, move[2]), 0.0)
         return float(np.exp(-0.5 * (distance / blur) ** 2).mean() + 0.5 * free.mean())
 
-    def _coarsen_map(self, cell: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _coarsen_map(self, cell_size: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Compute nearness to walls and free space in coarser cells."""
         grid = self.grid
-        counts = (math.ceil(edge * grid.resolution / cell) for edge in grid.shape)
+        counts = (math.ceil(edge * grid.resolution / cell_size) for edge in grid.shape)
         at = np.ix_(
             *(
-                np.minimum((np.arange(n) + 0.5) * cell / grid.resolution, side - 1).astype(np.int64)
+                np.minimum((np.arange(n) + 0.5) * cell_size / grid.resolution, side - 1).astype(
+                    np.int64
+                )
                 for n, side in zip(counts, grid.shape, strict=True)
             )
         )
-        walls = np.exp(-0.5 * (grid.clearance[at] / (0.75 * cell)) ** 2)
+        walls = np.exp(-0.5 * (grid.clearance[at] / (0.75 * cell_size)) ** 2)
         return walls.astype(np.float32), grid.free[at].astype(np.float32)
 
-    def _turn_about_origin(self, at: Move) -> Move:
+    def _convert_to_turn_about_origin(self, move: Move) -> Move:
         """Convert a move from a turn about the drive's middle to a turn about the origin."""
-        x, y = _rotate(self.middle[None], at[2])[0]
-        return at[0] - float(x), at[1] - float(y), (at[2] + math.pi) % (2 * math.pi) - math.pi
+        x, y = _rotate(self.middle[None], move[2])[0]
+        return move[0] - float(x), move[1] - float(y), (move[2] + math.pi) % (2 * math.pi) - math.pi
 
-    def _turn_about_middle(self, move: Move) -> Move:
+    def _convert_to_turn_about_middle(self, move: Move) -> Move:
         """Convert a move from a turn about the origin to a turn about the drive's middle."""
         x, y = _rotate(self.middle[None], move[2])[0]
         return float(x) + move[0], float(y) + move[1], move[2]
@@ -657,15 +675,15 @@ class _MoveSearch:
 
         The distance is infinite if the turns differ.
         """
-        (x, y, turn), (u, v, angle) = map(self._turn_about_middle, moves)
+        (x, y, turn), (u, v, angle) = map(self._convert_to_turn_about_middle, moves)
         between = abs((turn - angle + math.pi) % (2 * math.pi) - math.pi)
         return math.hypot(x - u, y - v) + (math.inf if between > 0.1 else 0.0)
 
 
-def _count_points(xy: Floats, cell: float, half: int) -> NDArray[np.float32]:
+def _count_points_per_cell(xy: Floats, cell_size: float, half_size: int) -> NDArray[np.float32]:
     """Count the points in each cell around the middle, (2 half + 1, 2 half + 1)."""
-    size = 2 * half + 1
-    col, row = (np.floor(part / cell + 0.5).astype(np.int64) + half for part in xy.T)
+    size = 2 * half_size + 1
+    col, row = (np.floor(part / cell_size + 0.5).astype(np.int64) + half_size for part in xy.T)
     counts = np.bincount(row * size + col, minlength=size * size)
     return counts.reshape(size, size).astype(np.float32)
 
@@ -691,7 +709,7 @@ MISFIT_SCANS, BEAMS = 4000, 180
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Misfits:
+class MapMisfits:
     """Cells of a map that recorded scans contradict."""
 
     false: Bools
@@ -730,7 +748,7 @@ class _MapBeams:
     ends: Floats  # (n, beams, 2), NaN without return
 
 
-def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfits:
+def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> MapMisfits:
     """Find the places where recorded scans do not fit the map.
 
     A wall is false if at least five scans pass through it, over three times as many as end there.
@@ -774,7 +792,7 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
         np.concatenate([part.origins for part in parts]),
         np.concatenate([part.ends for part in parts]),
     )
-    return Misfits(*_find_contradictions(grid, beams), _compute_share_at_walls(grid, beams))
+    return MapMisfits(*_find_contradictions(grid, beams), _compute_share_at_walls(grid, beams))
 
 
 def _place_beams_on_map(grid: OccupancyGrid, recording: Recording) -> _MapBeams:
@@ -784,8 +802,8 @@ def _place_beams_on_map(grid: OccupancyGrid, recording: Recording) -> _MapBeams:
     recording = recording[scans]
     lidar = np.array([[[recording.lidar.mount_x, recording.lidar.mount_y]]])
     lidars = np.repeat(lidar, len(scans), axis=0)
-    ends = place_ends(recording.ends_on_robot()[:, beams], recording.poses)
-    origins = place_ends(lidars, recording.poses)[:, 0]
+    ends = move_ends_to_poses(recording.ends_on_robot()[:, beams], recording.poses)
+    origins = move_ends_to_poses(lidars, recording.poses)[:, 0]
     cell_positions = [
         np.stack(grid.world_to_grid(positions[..., 0], positions[..., 1]), -1)
         for positions in (origins, ends)

@@ -22,10 +22,10 @@ from locplan._support.checks import (
     setting,
 )
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
-from locplan._support.poses import make_rotation_matrix, place_ends, wrap_angles
+from locplan._support.poses import make_rotation_matrix, move_ends_to_poses, wrap_angles
 from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError
-from locplan.field.beams import find_wall_cells
+from locplan.field.beams import find_wall_surface_cells
 from locplan.field.scan import Scan
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
@@ -138,7 +138,7 @@ BAND = 1 << 20
 """Number of cells of a strip, which limits memory."""
 
 
-def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, fits: Bools) -> Any:
+def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, can_stand: Bools) -> Any:
     """Make tables of the losses around the map at each standard deviation, for the kernels."""
     import cv2
 
@@ -146,7 +146,7 @@ def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, fits: Bool
 
     sigmas, resolution = matching.sigmas(grid.resolution), grid.resolution
     margin = math.ceil(4 * sigmas[0] / resolution) + 2
-    clear = 1 - np.pad(find_wall_cells(grid.cells == OCCUPIED), margin)
+    clear = 1 - np.pad(find_wall_surface_cells(grid.cells == OCCUPIED), margin)
     height, width = clear.shape
     levels = _tabulate_losses(sigmas, matching.z_rand, resolution, math.hypot(height, width))
     far = levels.shape[1] - 1
@@ -171,7 +171,7 @@ def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, fits: Bool
     steps[:-1, 1:] = 0
     return LossTables(
         corners.reshape(len(sigmas), -1),
-        fits.astype(np.uint8),
+        can_stand.astype(np.uint8),
         margin=margin,
         width=width,
         height=height,
@@ -180,18 +180,18 @@ def make_loss_tables(grid: OccupancyGrid, matching: MatchingSettings, fits: Bool
 
 
 def _tabulate_losses(
-    sigmas: Floats, z_rand: float, resolution: float, farthest: float
+    sigmas: Floats, z_rand: float, resolution: float, max_distance: float
 ) -> NDArray[np.uint32]:
     """Tabulate losses by squared distance, 0, 1, ... cells^2, for each standard deviation.
 
-    The last loss is `TOP`; `farthest` is the maximum distance on the map [cells].
+    The last loss is `TOP`; `max_distance` is the maximum distance on the map [cells].
     """
     from locplan.recordings.kernels.scan_losses import TOP
 
     # The reach ends where a hit is half a step of loss above z_rand.
     excess = z_rand * math.expm1(-math.log(z_rand) / TOP / 2) / (1 - z_rand)
     reach = float(sigmas[0]) * math.sqrt(max(0.0, -2 * math.log(excess))) / resolution
-    squares = np.arange(math.ceil(min(reach + 1, farthest)) ** 2 + 2)
+    squares = np.arange(math.ceil(min(reach + 1, max_distance)) ** 2 + 2)
     distance = np.sqrt(squares.astype(np.float32)) * np.float32(resolution)
     hit = (1 - z_rand) * np.exp(-0.5 * (distance / sigmas[:, None]) ** 2)
     losses = np.rint(TOP * np.log(hit + z_rand) / math.log(z_rand)).astype(np.uint32)
@@ -244,10 +244,10 @@ class ScanMatcher:
     @cached_property
     def kernel_arguments(self) -> Any:
         """Likelihood field and offsets in the form of the kernels."""
-        from locplan._support.kernels.likelihood import make_lattice
+        from locplan._support.kernels.likelihood import make_scan_lattice
 
         field = self.settings.prepare(self.grid.cells, self.grid.resolution).likelihood
-        return field, make_lattice(self.window.half_steps, self.window.angles)
+        return field, make_scan_lattice(self.window.half_steps, self.window.angles)
 
     def compute_posteriors(self, on_robot: Floats, poses: Floats) -> PosePosteriors:
         """Compute the posteriors of scans around poses, from the centre of each pose's cell.
@@ -261,8 +261,8 @@ class ScanMatcher:
         """
         from locplan.recordings.kernels.matches import recorded_posteriors
 
-        count, compared = len(poses), self.settings.beam_numbers
-        ends = place_ends(on_robot[:, compared], poses)
+        count, compared = len(poses), self.settings.nearest_beam_indices
+        ends = move_ends_to_poses(on_robot[:, compared], poses)
         row, col = self.grid.world_to_grid(*poses[:, :2].T)
         cells = np.column_stack([np.floor(row), np.floor(col)]).astype(np.int64)
         ends_row, ends_col = self.grid.world_to_grid(*np.moveaxis(ends, -1, 0))
@@ -428,49 +428,51 @@ def find_reachable_cells(grid: OccupancyGrid, robot_radius: float) -> Bools:
     return np.asarray(large[labels])
 
 
-def select_spaced_places(spacing: float, fits: Bools, resolution: float) -> Floats:
+def select_spaced_places(spacing: float, is_marked: Bools, resolution: float) -> Floats:
     """Select one marked cell per square, next to the square's middle; return centres (n, 2).
 
     Parameters
     ----------
     spacing : float
         Edge of the squares [m].
-    fits : (H, W) array of bool
+    is_marked : (H, W) array of bool
         The cells.
     resolution : float
         Edge of a cell [m].
     """
-    edge = max(1, round(spacing / resolution))
-    height, width = fits.shape
-    rows = edge * max(1, BLOCK_BAND // (edge * width))
+    block_edge = max(1, round(spacing / resolution))
+    height, width = is_marked.shape
+    rows = block_edge * max(1, BLOCK_BAND // (block_edge * width))
     places = [np.empty((0, 2))]
     for top in range(0, height, rows):
-        places.append(_find_middles(fits[top : top + rows], edge))
+        places.append(_pick_cell_per_block(is_marked[top : top + rows], block_edge))
         places[-1][:, 1] += top
     return np.concatenate(places) + 0.5
 
 
-def _find_middles(fits: Bools, edge: int) -> Floats:
+def _pick_cell_per_block(is_marked: Bools, block_edge: int) -> Floats:
     """Find the marked cells next to the middles of squares, as columns and rows (n, 2)."""
-    rows, cols = np.nonzero(fits)
-    block = (rows // edge) * (fits.shape[1] // edge + 1) + cols // edge
-    offsets = (2 * (rows % edge) + 1 - edge) ** 2 + (2 * (cols % edge) + 1 - edge) ** 2
+    rows, cols = np.nonzero(is_marked)
+    block = (rows // block_edge) * (is_marked.shape[1] // block_edge + 1) + cols // block_edge
+    offsets = (2 * (rows % block_edge) + 1 - block_edge) ** 2 + (
+        2 * (cols % block_edge) + 1 - block_edge
+    ) ** 2
     order = np.lexsort([offsets, block])  # equally near cells keep the order of their rows
     block = block[order]
     middle_cells = order[np.concatenate([block[:1] >= 0, block[1:] != block[:-1]])]
     return np.column_stack([cols[middle_cells], rows[middle_cells]]).astype(np.float64)
 
 
-def _find_lidar_cells(grid: OccupancyGrid, matching: MatchingSettings, fits: Bools) -> Bools:
+def _find_lidar_cells(grid: OccupancyGrid, matching: MatchingSettings, can_stand: Bools) -> Bools:
     """Find the cells that the lidar can reach."""
     import cv2
 
     lidar = matching.lidar
     reach = math.ceil(math.hypot(lidar.mount_x, lidar.mount_y) / grid.resolution)
     if reach == 0:
-        return fits
+        return can_stand
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    near = cv2.dilate(fits.astype(np.uint8), around)
+    near = cv2.dilate(can_stand.astype(np.uint8), around)
     return np.asarray((near > 0) & (grid.cells != OCCUPIED))
 
 
@@ -546,7 +548,7 @@ class ScanDatabase:
     def nats_a_loss(self) -> float:
         """Maximum loss of one compared beam [nats]."""
         matching = self.full_database.matching
-        beams = len(self.matcher.settings.beam_numbers)
+        beams = len(self.matcher.settings.nearest_beam_indices)
         return matching.nats_a_loss * float(matching.is_in_view.sum()) / beams
 
     def select_compared_ends(self, on_robot: Floats) -> Singles:
@@ -557,7 +559,7 @@ class ScanDatabase:
         on_robot : (beams, 2) array
             Ends of all beams in the robot's frame [m]; NaN without a return.
         """
-        ends = on_robot[self.matcher.settings.beam_numbers] / self.grid.resolution
+        ends = on_robot[self.matcher.settings.nearest_beam_indices] / self.grid.resolution
         return np.ascontiguousarray(ends[np.isfinite(ends[:, 0])].T, np.float32)
 
     def select_nearby(self, xy: Floats, within: float) -> RangeDatabase:
@@ -636,20 +638,20 @@ def _compute_distances(grid: OccupancyGrid, xy: Floats) -> Singles:
     return np.asarray(cells * np.float32(grid.resolution))
 
 
-def _restrict_database(database: RangeDatabase, fits: Bools) -> RangeDatabase:
+def _restrict_database(database: RangeDatabase, can_stand: Bools) -> RangeDatabase:
     """Restrict a database to robot positions in a mask of cells (H, W)."""
     from locplan._support.kernels.simd import OCTETS
 
-    near = _find_lidar_cells(database.grid, database.matching, fits)
+    near = _find_lidar_cells(database.grid, database.matching, can_stand)
     col, row = np.floor(database.positions.T).astype(np.int64)
     place_numbers = np.flatnonzero(near[row, col])
     places = database.codes.reshape(-1, 2 * TURNS, OCTETS).transpose(0, 2, 1)
     return dataclasses.replace(
         database,
-        fits=fits,
+        fits=can_stand,
         positions=database.positions[place_numbers],
         codes=arrange_in_blocks(places.reshape(-1, 2 * TURNS)[place_numbers]),
-        tables=database.tables._replace(fits=fits.astype(np.uint8)),
+        tables=database.tables._replace(fits=can_stand.astype(np.uint8)),
     )
 
 
@@ -711,7 +713,7 @@ class ScanOnMap:
         return max(1.0, math.sqrt(float((distances**2).mean())))
 
     @property
-    def _nats(self) -> float:
+    def _nats_per_step(self) -> float:
         """Size of one step of the kernels' losses [nats]."""
         from locplan.recordings.kernels.scan_losses import TOP
 
@@ -775,14 +777,14 @@ class ScanOnMap:
             self.ends,
             starts if home is None else np.concatenate([home[None], starts]),
             self.lever,
-            MAX_MODE_EXCESS / self._nats,
-            8 / self._nats,  # maximum gain of the first refinement
+            MAX_MODE_EXCESS / self._nats_per_step,
+            8 / self._nats_per_step,  # maximum gain of the first refinement
             np.full(2, np.nan) if home is None else home[:2],
             WRONG_DISTANCE / resolution,
             MODE_DISTANCE / resolution,
             MODE_TURN,
         )
-        losses = losses * self._nats
+        losses = losses * self._nats_per_step
         order = np.argsort(losses, kind="stable")
         return ScanModes(poses[order], losses[order], count)
 

@@ -21,8 +21,8 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import (
     compute_motions,
     compute_path_length,
+    move_ends_to_poses,
     move_poses,
-    place_ends,
     wrap_angles,
 )
 from locplan._support.tables import format_table, nan_to_none
@@ -244,7 +244,7 @@ class Recording:
 
     def ends(self) -> Floats:
         """Return the beams' ends in the map's frame, (n, beams, 2) [m]; NaN without a return."""
-        return place_ends(self.ends_on_robot(), self.poses)
+        return move_ends_to_poses(self.ends_on_robot(), self.poses)
 
     def robot(self, base_robot: Robot | None = None) -> Robot:
         """Return the recorded robot, with its lidar, speed and kind of drive.

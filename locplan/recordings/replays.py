@@ -30,17 +30,17 @@ from locplan._support.poses import (
     wrap_angles,
 )
 from locplan._support.progress import ProgressCallback
-from locplan._support.records import Column, Result, Table, extract_values
+from locplan._support.records import Result, Table, TableColumn, extract_values
 from locplan._support.tables import REPORT_WIDTH, format_table, nan_to_none
 from locplan.errors import RecordingError
 from locplan.field.covariance import scalar
-from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, world_to_map_frame
+from locplan.maps.grid import OccupancyGrid, check_grid, format_extent, world_to_map_frame
 from locplan.recordings.matching import run_in_batches
 from locplan.recordings.recording import Recording
 from locplan.robots.amcl import Amcl
-from locplan.robots.particles import compared_ends
+from locplan.robots.particles import compute_compared_ends
 from locplan.robots.robot import Robot
-from locplan.simulation.amcl_parameters import is_untuned
+from locplan.simulation.amcl_parameters import has_default_preset_parameters
 from locplan.simulation.drives import (
     DRIVE_COLUMNS,
     LOST_TEXT,
@@ -60,7 +60,7 @@ REPLAY = 14
 """Stream of random numbers of replays."""
 
 
-def find_sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
+def find_sparse_scan_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
     """Return a note if the scans are too sparse for the updates of the filter; otherwise nothing.
 
     Updates must also be rarer than with Nav2's defaults, so that frequent updates in the settings
@@ -113,7 +113,7 @@ class ReplayInputs:
         if not grid.contains(*grid.cell((x, y))):
             raise RecordingError(
                 f"the drive begins at {x:.2f},{y:.2f}, off {grid.name or 'the map'}, which reaches"
-                f" from {extent_text(grid)}; is it the right one? See"
+                f" from {format_extent(grid)}; is it the right one? See"
                 " locplan.recordings.fit_to_map"
             )
         self.odometry: Floats = recording.odometry
@@ -127,9 +127,9 @@ class ReplayInputs:
         robot = replace(robot, lidar=self.recording.lidar)
         return make_drive_arguments(self.grid, robot, scores=scores)
 
-    def select_ends(self, amcl: Amcl) -> Floats:
+    def select_amcl_ends(self, amcl: Amcl) -> Floats:
         """Select ends of the beams that AMCL uses, (n, beams, 2) [cells]; NaN without a return."""
-        ends = compared_ends(amcl, self.recording.lidar, self.recording.ranges)
+        ends = compute_compared_ends(amcl, self.recording.lidar, self.recording.ranges)
         return ends / self.grid.resolution
 
     def run_filter(
@@ -152,7 +152,7 @@ class ReplayInputs:
 
 
 def remove_jumps(
-    poses: Floats, odometry: Floats, faulty: NDArray[np.bool_] | None = None
+    poses: Floats, odometry: Floats, is_faulty: NDArray[np.bool_] | None = None
 ) -> tuple[Floats, Floats, int]:
     """Remove jumps between poses and odometry by standing still; return both, and their number.
 
@@ -162,7 +162,7 @@ def remove_jumps(
     ----------
     poses, odometry : (n, 3) arrays
         Recorded poses, and poses by odometry, in separate frames [m, m, rad].
-    faulty : (n - 1,) array of bool, optional
+    is_faulty : (n - 1,) array of bool, optional
         Mask of the steps of odometry that are wrong.
 
     Examples
@@ -181,7 +181,7 @@ def remove_jumps(
     # A jump exceeds 0.5 m or 0.5 rad, plus 30 % of the step.
     far = step_error > 0.5 + 0.3 * np.minimum(true_way, way)
     far |= np.abs(wrap_angles(off[:, 2])) > 0.5 + 0.3 * np.abs(wrap_angles(true[:, 2]))
-    left_out = far if faulty is None else far | faulty
+    left_out = far if is_faulty is None else far | is_faulty
     if not left_out.any():
         return poses, odometry, 0
     tracks = (
@@ -191,13 +191,13 @@ def remove_jumps(
     return *tracks, int(far.sum())
 
 
-def _chain_motions(first: Floats, ways: Floats, left_out: NDArray[np.bool_]) -> Floats:
+def _chain_motions(first_pose: Floats, motions: Floats, is_left_out: NDArray[np.bool_]) -> Floats:
     """Chain motions from the first pose, without the ones left out."""
-    ahead, left, turn = np.where(left_out[:, None], 0.0, ways).T
-    heading = first[2] + np.append(0.0, np.cumsum(turn))
+    ahead, left, turn = np.where(is_left_out[:, None], 0.0, motions).T
+    heading = first_pose[2] + np.append(0.0, np.cumsum(turn))
     cos, sin = np.cos(heading[:-1]), np.sin(heading[:-1])
-    x = first[0] + np.append(0.0, np.cumsum(cos * ahead - sin * left))
-    y = first[1] + np.append(0.0, np.cumsum(sin * ahead + cos * left))
+    x = first_pose[0] + np.append(0.0, np.cumsum(cos * ahead - sin * left))
+    y = first_pose[1] + np.append(0.0, np.cumsum(sin * ahead + cos * left))
     return np.column_stack([x, y, wrap_angles(heading)])
 
 
@@ -353,7 +353,7 @@ class Replay(Result):
             at = int(np.searchsorted(drives.distance, drives.first_loss))
             x, y, _ = self.recording.poses[at].tolist()
             sentence += f" It is lost first after {drives.first_loss:.0f} m, near {x:.1f},{y:.1f}."
-        if is_untuned(self.robot.amcl):
+        if has_default_preset_parameters(self.robot.amcl):
             return f"{sentence} locplan tune --recording looks for settings that hold."
         return (
             f"{sentence} Look there: whether the map is right, and how far odometry drifts (locplan"
@@ -363,12 +363,12 @@ class Replay(Result):
     @property
     def is_sparse(self) -> bool:
         """True if the log has too few scans to measure how often the filter gets lost."""
-        return bool(find_sparse_notes(self.recording, self.robot.amcl))
+        return bool(find_sparse_scan_notes(self.recording, self.robot.amcl))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Limits of the replay, as sentences without a full stop."""
-        return find_sparse_notes(self.recording, self.robot.amcl)
+        return find_sparse_scan_notes(self.recording, self.robot.amcl)
 
     def summary(self) -> dict[str, object]:
         """Return all results for JSON."""
@@ -396,7 +396,7 @@ class Replay(Result):
     def table(self) -> Table:
         """Return a row per scan: recorded pose, errors, and the filter's reported deviation."""
         rows = np.column_stack([self.drives.profile(), self.filter_std]).tolist()
-        return Table((*PROFILE_COLUMNS, Column("filter_std", "m")), tuple(map(tuple, rows)))
+        return Table((*PROFILE_COLUMNS, TableColumn("filter_std", "m")), tuple(map(tuple, rows)))
 
     def figure(self) -> Figure:
         """Draw the recorded path and the filter's on the map, and the error along the drive."""
@@ -485,7 +485,7 @@ def replay(
     arguments = tracks.make_arguments(robot)
     errors = np.empty((runs, len(recording), 3))
     covariances = np.empty((runs, len(recording), 3, 3))
-    ends = tracks.select_ends(robot.amcl)
+    ends = tracks.select_amcl_ends(robot.amcl)
 
     def run(run_numbers: NDArray[np.int64]) -> list[int]:
         numbers: list[int] = run_numbers.tolist()
@@ -578,7 +578,7 @@ class ReplayedDrive:
         ).drives
 
 
-def find_replay_limit(recording: Recording) -> str:
+def find_replay_obstacle(recording: Recording) -> str:
     """Return the reason why a recording is unsuitable to compare settings; empty if suitable.
 
     Parameters
@@ -592,7 +592,7 @@ def find_replay_limit(recording: Recording) -> str:
     >>> poses = [[n / 4, 0.0, 0.0] for n in range(9)]
     >>> lidar = locplan.Lidar(range=5.0, beams=5)
     >>> drive = Recording(np.full((9, 5), 1.0), lidar, poses, odometry=poses)
-    >>> find_replay_limit(drive)
+    >>> find_replay_obstacle(drive)
     'it is 2 m long, too short to judge settings by; 30 m are needed'
     """
     if recording.odometry is None:

@@ -65,7 +65,7 @@ def record_drive(
     Recording(simulated, 37 scans of 90 beams, 18 m, with odometry)
     """
     from locplan._support.kernels.drives import simulate_odometry
-    from locplan._support.kernels.lidar import measure_ends
+    from locplan._support.kernels.lidar import simulate_measured_ends
     from locplan.planning.path import as_path
     from locplan.simulation.simulator import Simulator
     from locplan.simulation.worlds import POSE_SPACING, make_path_poses
@@ -91,7 +91,7 @@ def record_drive(
     ranges, ends = np.empty((len(poses), lidar.beams)), np.empty((lidar.beams, 2))
     for n, pose in enumerate(np.column_stack([rows, cols, headings])):
         world, size = simulator.worlds[0], grid.resolution
-        measure_ends(random, world, size, pose, sensor, arguments.disturbances, ends)
+        simulate_measured_ends(random, world, size, pose, sensor, arguments.disturbances, ends)
         beam_vectors = ends * grid.resolution - (lidar.mount_x, lidar.mount_y)
         ranges[n] = np.hypot(*beam_vectors.T)
     # Add 0.01 s per scan, so that turns on the spot take time.

@@ -21,9 +21,16 @@ from locplan._support.progress import ProgressCallback, scale_progress, split_pr
 from locplan.errors import ConfigError, RecordingError
 from locplan.field.cache import load_or_compute_result
 from locplan.field.covariance import position_axes
-from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, world_to_map_frame
+from locplan.maps.grid import OccupancyGrid, check_grid, format_extent, world_to_map_frame
 from locplan.maps.occupancy import OCCUPIED
-from locplan.recordings.filter_pass import BEAMS, SIGMA, UNEXPLAINED, FilterPass, Walls, beam_model
+from locplan.recordings.filter_pass import (
+    BEAMS,
+    SIGMA,
+    UNEXPLAINED,
+    FilterPass,
+    WallDistances,
+    make_beam_model,
+)
 from locplan.recordings.matching import CLEARANCE, ScanDatabase, resolve_database
 from locplan.recordings.recording import Recording
 from locplan.recordings.trajectory import (
@@ -37,8 +44,8 @@ from locplan.recordings.trajectory import (
     OdometryModel,
     OdometryMoves,
     Trajectory,
-    compute_ways,
-    make_jump,
+    classify_jump,
+    compute_moves_with_variances,
 )
 from locplan.robots.robot import Robot
 
@@ -135,9 +142,9 @@ def smooth(
     model = OdometryModel.make_prior(recording.robot(robot).odometry)
     keys = drive.make_chain(drive.choose_key_scans(), model)
     keys, candidates = _propose_trajectories(drive, keys, first_pose, seed, folder, progress)
-    key_poses, is_bridged = keys.bridge_excursions(keys.find_likeliest(candidates))
+    key_poses, is_bridged = keys.bridge_excursions(keys.find_likeliest_trajectory(candidates))
     scatter = _compute_scatter(keys, key_poses, candidates)
-    chain, poses, key_of_scan = _follow_odometry(drive, keys, key_poses)
+    chain, poses, key_of_scan = _interpolate_between_key_scans(drive, keys, key_poses)
     chain, poses = _refine_all(chain, poses)
     fits = chain.compute_fits(poses[None])[0]
     covariances = _compute_covariances(grid, chain, poses, fits)
@@ -179,7 +186,7 @@ def _parse_first_pose(
     if not grid.contains(*(int(on_map[axis] // grid.resolution) for axis in (1, 0))):
         raise ConfigError(
             f"start {pose[0]:g},{pose[1]:g} lies outside {grid.name or 'the map'}, which reaches"
-            f" from {extent_text(grid)}"
+            f" from {format_extent(grid)}"
         )
     return on_map
 
@@ -190,7 +197,7 @@ class _DriveOnMap:
 
     grid: OccupancyGrid
     recording: Recording
-    walls: Walls
+    walls: WallDistances
     database: ScanDatabase
     """Scans at all places of the map, for global localization of a lost filter."""
     odometry: Floats
@@ -209,7 +216,7 @@ class _DriveOnMap:
         # In blocks of scans, which saves memory.
         blocks = (ranges[n : n + 256] for n in range(0, len(ranges), 256))
         ends = np.concatenate([lidar.ends_on_robot(block)[:, beams] for block in blocks])
-        return cls(grid, recording, Walls(grid), database, odometry, ends)
+        return cls(grid, recording, WallDistances(grid), database, odometry, ends)
 
     def choose_key_scans(self) -> Ints:
         """Choose the scans for the filter: the first and last one, and some in between."""
@@ -278,7 +285,7 @@ def _propose_trajectories(
     )
     samples = drive.run_filter(keys, first_pose, seed, folder, report_forth, number=0)
     forth = keys.refine_samples(samples)
-    learned = keys.learn_odometry(keys.find_likeliest(forth))
+    learned = keys.refit_odometry_model(keys.find_likeliest_trajectory(forth))
     samples = drive.run_filter(
         learned, None, seed, folder, report_back, number=1, is_backwards=True
     )
@@ -300,7 +307,7 @@ def _compute_scatter(keys: ScanChain, key_poses: Floats, candidates: Floats) -> 
     return np.asarray(np.sqrt(((refined - key_poses)[..., :2] ** 2).sum(axis=2).mean(axis=0)))
 
 
-def _follow_odometry(
+def _interpolate_between_key_scans(
     drive: _DriveOnMap, keys: ScanChain, key_poses: Floats
 ) -> tuple[ScanChain, Floats, Ints]:
     """Compute the poses of all scans from the key scans by odometry.
@@ -333,7 +340,7 @@ def _refine_all(chain: ScanChain, poses: Floats) -> tuple[ScanChain, Floats]:
     """Refine all poses by least squares, alternating with the error model of odometry."""
     poses = chain.refine(poses, 15)
     for _ in range(2):
-        chain = chain.learn_odometry(poses)
+        chain = chain.refit_odometry_model(poses)
         poses = chain.refine(poses, 20)
     return chain, poses
 
@@ -363,9 +370,9 @@ def _find_doubts(
     trajectories from the best one [m].
     """
     doubts, way = np.zeros(len(poses), np.int64), np.cumsum(chain.moves.lengths)
-    doubts[chain.find_displaced(poses)] = MAP_MOVED
+    doubts[chain.find_displaced_poses(poses)] = MAP_MOVED
     doubts[scatter > SCATTER] = AMBIGUOUS
-    doubts[_find_misfits(fits, way) | is_bridged] = BAD_FIT
+    doubts[_mark_misfitting_scans(fits, way) | is_bridged] = BAD_FIT
     is_certain = position_axes(covariances)[0] <= UNCERTAIN_STD
     is_certain &= np.sqrt(covariances[:, 2, 2]) <= UNCERTAIN_TURN
     doubts[~is_certain] = UNCERTAIN
@@ -375,13 +382,13 @@ def _find_doubts(
     return doubts
 
 
-def _find_misfits(fits: Floats, way: Floats) -> Bools:
+def _mark_misfitting_scans(fits: Floats, travel_distances: Floats) -> Bools:
     """Return the mask of scans that do not fit the map.
 
     A single scan between two fitting scans is not marked, because odometry bridges it.
     """
     is_fitting = np.concatenate([[False], fits >= BAD_FIT_BELOW, [False]])
-    around = np.concatenate([[-np.inf], way, [np.inf]])
+    around = np.concatenate([[-np.inf], travel_distances, [np.inf]])
     is_bridged = is_fitting[:-2] & is_fitting[2:] & (around[2:] - around[:-2] <= BRIDGED_WAY)
     return np.asarray((fits < BAD_FIT_BELOW) & ~is_bridged)
 
@@ -404,7 +411,7 @@ def _make_trajectory(
         covariances=turn @ covariances @ turn.T,
         doubts=doubts,
         fits=fits,
-        jumps=tuple(make_jump(n, world[n], errors[n], recording.times) for n in chain.jumps),
+        jumps=tuple(classify_jump(n, world[n], errors[n], recording.times) for n in chain.jumps),
         odometry=None if recording.odometry is None else chain.model,
         recorded=recording.poses,
         times=recording.times,
@@ -418,7 +425,7 @@ def _make_trajectory(
 class ScanChain:
     """Chain of successive scans, whose poses are estimated by least squares."""
 
-    walls: Walls
+    walls: WallDistances
     scans: Ints
     """Indices of the scans in the drive, (n,)."""
     ends: Floats
@@ -447,7 +454,7 @@ class ScanChain:
         from locplan.recordings.kernels.least_squares import refine_poses
 
         poses = np.array(poses)
-        beams = beam_model(FINE, FINE_BEAMS)
+        beams = make_beam_model(FINE, FINE_BEAMS)
         refine_poses(self.walls.distances, beams, self._kernel_scans, poses, rounds)
         return poses
 
@@ -460,42 +467,48 @@ class ScanChain:
         from locplan.recordings.kernels.least_squares import evaluate_fits
 
         fits = np.empty(candidates.shape[:2])
-        evaluate_fits(self.walls.distances, beam_model(SIGMA, BEAMS), self.ends, candidates, fits)
+        evaluate_fits(
+            self.walls.distances, make_beam_model(SIGMA, BEAMS), self.ends, candidates, fits
+        )
         return fits
 
-    def find_likeliest(self, candidates: Floats) -> Floats:
+    def find_likeliest_trajectory(self, candidates: Floats) -> Floats:
         """Combine the most probable trajectory (n, 3) from candidates (c, n, 3)."""
-        from locplan.recordings.kernels.trajectory import find_likeliest_way
+        from locplan.recordings.kernels.trajectory import find_likeliest_candidates
 
         gains = BEAMS * np.maximum(np.nan_to_num(self.compute_fits(candidates)), UNEXPLAINED)
         _, _, moves, deviations = self._kernel_scans
-        choice = find_likeliest_way(candidates, gains, moves, deviations, self.walls.kidnap_density)
+        choice = find_likeliest_candidates(
+            candidates, gains, moves, deviations, self.walls.kidnap_density
+        )
         return np.asarray(candidates[choice, np.arange(len(choice))])
 
-    def compute_covariances(self, poses: Floats, beams: float) -> tuple[Floats, Floats]:
+    def compute_covariances(self, poses: Floats, n_effective_beams: float) -> tuple[Floats, Floats]:
         """Compute the covariances of poses, and of each pose with the previous one.
 
-        `beams` is the number of independent beams of a scan.
+        `n_effective_beams` is the number of independent beams of a scan.
         """
         from locplan.recordings.kernels.least_squares import (
-            Equations,
+            NormalEquations,
             write_covariances,
             write_normal_equations,
         )
 
         blocks = np.empty((4, len(poses), 3, 3))
-        equations = Equations(blocks[0], blocks[1], np.empty((len(poses), 3)))
-        model = beam_model(FINE, beams)
+        equations = NormalEquations(blocks[0], blocks[1], np.empty((len(poses), 3)))
+        model = make_beam_model(FINE, n_effective_beams)
         write_normal_equations(self.walls.distances, model, self._kernel_scans, poses, equations)
         write_covariances(equations, blocks[2], blocks[3])
         return blocks[2], blocks[3]
 
-    def learn_odometry(self, poses: Floats) -> ScanChain:
+    def refit_odometry_model(self, poses: Floats) -> ScanChain:
         """Return the chain with the odometry model refitted to poses."""
         covariances, across = self.compute_covariances(poses, FINE_BEAMS)
         is_used = np.ones(len(poses))
         is_used[[0, *self.jumps]] = 0.0
-        model = self.model.refit(self.moves, *compute_ways(poses, covariances, across), is_used)
+        model = self.model.refit(
+            self.moves, *compute_moves_with_variances(poses, covariances, across), is_used
+        )
         return replace(self, model=model)
 
     def compute_errors(self, poses: Floats) -> Floats:
@@ -536,7 +549,7 @@ class ScanChain:
                 is_bridged[begin:end] = True
         return bridged, is_bridged
 
-    def find_displaced(self, poses: Floats) -> Bools:
+    def find_displaced_poses(self, poses: Floats) -> Bools:
         """Find poses on displaced parts of the map, between opposite errors of odometry.
 
         Poses on a displaced part are shifted at its beginning, and shifted back at its end. If the
@@ -546,7 +559,8 @@ class ScanChain:
         shifts = itertools.combinations(self._find_shifts(poses, way), 2)
         # Turns accumulate within the stretch as well, so that a larger rest may remain.
         for (entering, leaving), rest in itertools.chain(
-            ((pair, 0.5) for pair in shifts), ((pair, 1.0) for pair in self._find_turns(poses))
+            ((pair, 0.5) for pair in shifts),
+            ((pair, 1.0) for pair in self._find_turn_error_pairs(poses)),
         ):
             begin, end = entering.end, leaving.begin
             is_near = begin <= end and way[end] - way[begin] < DISPLACED_LENGTH
@@ -574,7 +588,7 @@ class ScanChain:
             and (shift.error**2).sum() > 25 * (variances[shift.end] - variances[shift.begin])
         ]
 
-    def _find_turns(self, poses: Floats) -> list[tuple[_OdometryShift, _OdometryShift]]:
+    def _find_turn_error_pairs(self, poses: Floats) -> list[tuple[_OdometryShift, _OdometryShift]]:
         """Find pairs of scans with a significant turn error, if at least one is a jump."""
         errors = self.compute_errors(poses)[:, 2:]
         size, deviations = np.abs(errors[:, 0]), self.model.compute_deviations(self.moves)[:, 2]

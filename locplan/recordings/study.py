@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from numpy.typing import ArrayLike
 
 from locplan._support.checks import check_file_path, check_instance, check_integer, check_threads
-from locplan._support.output import Output, ResultFiles
+from locplan._support.output import ResultFiles, ResultOutput
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import Result, Table
 from locplan._support.saved import to_plain_data
@@ -163,7 +163,7 @@ class RecordingReport(Result):
         return recording_report(self)
 
 
-def make_recording_output(target: Path, *, force: bool = False) -> Output:
+def make_recording_output(target: Path, *, force: bool = False) -> ResultOutput:
     """Return the checked output for a recording's file or folder, to fail before long work.
 
     Parameters
@@ -175,7 +175,7 @@ def make_recording_output(target: Path, *, force: bool = False) -> Output:
     """
     if target.suffix == ".npz":
         files = RecordingReport.files
-        output = Output(target, files.kind, force, is_file=True, purposes=files.purposes)
+        output = ResultOutput(target, files.kind, force, is_file=True, purposes=files.purposes)
         output.check()
         return output
     if target.suffix in FILE_SUFFIXES:

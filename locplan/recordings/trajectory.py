@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import ResultFiles
 from locplan._support.poses import apply_motions, compute_motions, wrap_angles
-from locplan._support.records import POSE, Column, Result, Table
+from locplan._support.records import POSE, Result, Table, TableColumn
 from locplan._support.saved import EqualByValue, StoredResult
 from locplan._support.tables import format_table, nan_to_none
 from locplan.errors import RecordingError
@@ -125,7 +125,7 @@ class OdometryModel(EqualByValue):
         return np.asarray(np.sqrt(moves.features @ self.variances.T))
 
     def refit(
-        self, moves: OdometryMoves, true_ways: Floats, way_variances: Floats, used: Floats
+        self, moves: OdometryMoves, true_ways: Floats, way_variances: Floats, move_weights: Floats
     ) -> OdometryModel:
         """Fit the model to true moves by expectation maximisation.
 
@@ -137,12 +137,12 @@ class OdometryModel(EqualByValue):
             The true moves [m, m, rad].
         way_variances : (n, 3) array
             Variances of the true moves; without them, the variances of odometry would vanish.
-        used : (n,) array
+        move_weights : (n,) array
             Weight of each move: 1, or 0 for a jump.
         """
         model = self
         for _ in range(3):
-            model = model._refit_biases(moves, true_ways, used)
+            model = model._refit_biases(moves, true_ways, move_weights)
             errors = true_ways - model.correct_ways(moves)
             errors[:, TURN] = wrap_angles(errors[:, TURN])
             variances = np.empty((3, 3))
@@ -153,19 +153,21 @@ class OdometryModel(EqualByValue):
                     robust_weights * square + way_variances[:, axis],
                     np.zeros(len(square)),
                 )
-                variances[axis] = fit_variances(squares, moves.features, zeros, used)
+                variances[axis] = fit_variances(squares, moves.features, zeros, move_weights)
             # Keep a minimum, because no odometry is without errors.
             min_variances = np.array([0.005, 0.005, math.radians(0.1)]) ** 2
             variances[:, 2] = np.maximum(variances[:, 2], min_variances)
             model = replace(model, variances=variances)
         return model
 
-    def _refit_biases(self, moves: OdometryMoves, true: Floats, used: Floats) -> OdometryModel:
+    def _refit_biases(
+        self, moves: OdometryMoves, true_ways: Floats, move_weights: Floats
+    ) -> OdometryModel:
         """Return the model with systematic errors fitted by robust regression."""
         ahead, left, turn = moves.ways.T
         cos, sin = np.cos(turn) - 1, np.sin(turn)
         deviations = self.compute_deviations(moves)
-        off = true - moves.ways
+        off = true_ways - moves.ways
         off[:, TURN] = wrap_angles(off[:, TURN])
         # A wrong mount of the lidar shows in turns, in which the lidar circles around the robot.
         features = [
@@ -176,36 +178,40 @@ class OdometryModel(EqualByValue):
             [axis_features / deviations[:, [n]] for n, axis_features in enumerate(features)]
         )
         places = np.concatenate([off[:, AHEAD] / deviations[:, 0], off[:, LEFT] / deviations[:, 1]])
-        scale, yaw, x, y = _fit_robust(
-            scaled_features, places, np.tile(used, 2), (0.1, 0.1, 0.2, 0.2)
+        scale, yaw, x, y = _fit_robust_coefficients(
+            scaled_features, places, np.tile(move_weights, 2), (0.1, 0.1, 0.2, 0.2)
         )
         turns = np.column_stack([turn, moves.lengths]) / deviations[:, [TURN]]
         scaled_turns = off[:, TURN] / deviations[:, TURN]
-        turn_scale, bend = _fit_robust(turns, scaled_turns, used, (0.2, 0.1))
+        turn_scale, bend = _fit_robust_coefficients(turns, scaled_turns, move_weights, (0.2, 0.1))
         return OdometryModel(scale, bend, turn_scale, (x, y, yaw), self.variances)
 
 
-def _fit_robust(
-    features: Floats, values: Floats, used: Floats, near: tuple[float, ...]
+def _fit_robust_coefficients(
+    features: Floats, values: Floats, sample_weights: Floats, prior_deviations: tuple[float, ...]
 ) -> list[float]:
     """Fit coefficients by least squares with Student's weights, and a prior around zero."""
-    prior = np.diag(1 / np.square(near))
-    coefficients: Floats = np.zeros(len(near))
+    prior = np.diag(1 / np.square(prior_deviations))
+    coefficients: Floats = np.zeros(len(prior_deviations))
     for _ in range(6):
-        weights = used * (FREEDOM + 1) / (FREEDOM + (values - features @ coefficients) ** 2)
+        weights = (
+            sample_weights * (FREEDOM + 1) / (FREEDOM + (values - features @ coefficients) ** 2)
+        )
         weighed = (features * weights[:, None]).T
         coefficients = np.asarray(np.linalg.solve(weighed @ features + prior, weighed @ values))
     return list(map(float, coefficients))
 
 
-def compute_ways(poses: Floats, covariances: Floats, across: Floats) -> tuple[Floats, Floats]:
+def compute_moves_with_variances(
+    poses: Floats, covariances: Floats, cross_covariances: Floats
+) -> tuple[Floats, Floats]:
     """Compute the moves between n poses, and their variances; the first move is zero.
 
     Parameters
     ----------
     poses : (n, 3) array
         The poses [m, m, rad].
-    covariances, across : (n, 3, 3) arrays
+    covariances, cross_covariances : (n, 3, 3) arrays
         Covariances of the poses, and of each pose with the previous one.
     """
     ways, variances = np.zeros((len(poses), 3)), np.zeros((len(poses), 3))
@@ -219,7 +225,10 @@ def compute_ways(poses: Floats, covariances: Floats, across: Floats) -> tuple[Fl
     before[:, 0, 2], before[:, 1, 2] = ways[1:, LEFT], -ways[1:, AHEAD]
     jacobian = np.concatenate([before, after], axis=2)
     joint = np.block(
-        [[covariances[:-1], across[1:].transpose(0, 2, 1)], [across[1:], covariances[1:]]]
+        [
+            [covariances[:-1], cross_covariances[1:].transpose(0, 2, 1)],
+            [cross_covariances[1:], covariances[1:]],
+        ]
     )
     variances[1:] = np.einsum("nij,njk,nik->ni", jacobian, joint, jacobian)
     return ways, variances
@@ -228,9 +237,9 @@ def compute_ways(poses: Floats, covariances: Floats, across: Floats) -> tuple[Fl
 def fit_variances(
     squares: Floats,
     features: Floats,
-    fixed: Floats,
+    known_variances: Floats,
     weights: Floats,
-    start: Floats | None = None,
+    first_coefficients: Floats | None = None,
 ) -> Floats:
     """Fit non-negative variance coefficients of Gaussian values by maximum likelihood.
 
@@ -238,16 +247,16 @@ def fit_variances(
     scoring: least squares of the squared values, weighted by their current precision.
     """
     scale = np.maximum(weights @ features, TINY)
-    coefficients = weights @ squares / scale if start is None else start
+    coefficients = weights @ squares / scale if first_coefficients is None else first_coefficients
     # Bound the weight of values with a tiny variance.
     min_variance = 1e-3 * float(weights @ squares / max(weights.sum(), TINY)) + TINY
     for _ in range(12):
-        variance = np.maximum(features @ coefficients + fixed, min_variance)
+        variance = np.maximum(features @ coefficients + known_variances, min_variance)
         weighted_features = (weights / variance**2)[:, None] * features
         coefficients = (
             coefficients
             + _solve_nonnegative(
-                weighted_features.T @ features, weighted_features.T @ (squares - fixed)
+                weighted_features.T @ features, weighted_features.T @ (squares - known_variances)
             )
         ) / 2
     return np.asarray(coefficients)
@@ -306,15 +315,19 @@ class OdometryJump:
     """Difference between the true heading and the heading by odometry [rad]."""
 
 
-def make_jump(scan: int, pose: Floats, error: Floats, times: Floats | None) -> OdometryJump:
+def classify_jump(
+    scan_number: int, pose: Floats, error: Floats, times: Floats | None
+) -> OdometryJump:
     """Classify the error of odometry before a scan, and return it as a jump."""
     distance, kind = float(np.hypot(error[0], error[1])), "slip"
     steps = np.zeros(1) if times is None else np.diff(times)
-    if times is not None and steps[scan - 1] > max(5.0, 10 * float(np.median(steps))):
+    if times is not None and steps[scan_number - 1] > max(5.0, 10 * float(np.median(steps))):
         kind = "gap"
     elif distance > CARRIED:
         kind = "carried"
-    return OdometryJump(scan, kind, float(pose[0]), float(pose[1]), distance, float(error[2]))
+    return OdometryJump(
+        scan_number, kind, float(pose[0]), float(pose[1]), distance, float(error[2])
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -356,7 +369,9 @@ class Trajectory(Result, StoredResult):
     """The map, for the figure; None in a loaded trajectory."""
 
     def __repr__(self) -> str:
-        return f"Trajectory({len(self)} scans, median deviation {100 * self._median:.1f} cm)"
+        return (
+            f"Trajectory({len(self)} scans, median deviation {100 * self._median_deviation:.1f} cm)"
+        )
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -377,7 +392,7 @@ class Trajectory(Result, StoredResult):
         return position_axes(self.covariances)[0]
 
     @property
-    def _median(self) -> float:
+    def _median_deviation(self) -> float:
         return float(np.median(self.deviation))
 
     @cached_property
@@ -431,7 +446,9 @@ class Trajectory(Result, StoredResult):
             if count
             else "all are to be trusted"
         )
-        lines = [f"{len(self):,} scans, known to {100 * self._median:.0f} cm; {doubtful}."]
+        lines = [
+            f"{len(self):,} scans, known to {100 * self._median_deviation:.0f} cm; {doubtful}."
+        ]
         names = {"slip": "wheels slip", "carried": "the robot is carried", "gap": "the log lacks"}
         lines += [
             f"At {jump.x:.1f},{jump.y:.1f} (scan {jump.scan}) {names[jump.kind]}"
@@ -466,7 +483,7 @@ class Trajectory(Result, StoredResult):
                 "drive": self.drive,
                 "scans": len(self),
                 "sentences": self.sentences,
-                "deviation": self._median,
+                "deviation": self._median_deviation,
                 "not_trusted": int((~self.is_trusted).sum()),
                 "stretches": [[scans.start, scans.stop] for scans in self.doubtful_stretches],
                 "jumps": [vars(jump) for jump in self.jumps],
@@ -478,17 +495,19 @@ class Trajectory(Result, StoredResult):
     def table(self) -> Table:
         """Return a row per scan: pose, standard deviations, and distance of the recorded pose."""
         major, minor, direction = position_axes(self.covariances)
-        values: dict[Column, NDArray[Any]] = {
-            Column("scan"): np.arange(len(self)),
-            Column("time", "s"): np.full(len(self), np.nan) if self.times is None else self.times,
+        values: dict[TableColumn, NDArray[Any]] = {
+            TableColumn("scan"): np.arange(len(self)),
+            TableColumn("time", "s"): np.full(len(self), np.nan)
+            if self.times is None
+            else self.times,
             **dict(zip(POSE, self.poses.T, strict=True)),
-            Column("major_std", "m"): major,
-            Column("minor_std", "m"): minor,
-            Column("major_axis", "rad"): direction,
-            Column("heading_std", "rad"): np.sqrt(self.covariances[:, 2, 2]),
-            Column("fit"): self.fits,
-            Column("off", "m"): self.log_distance,
-            Column("doubt"): np.array(DOUBTS)[self.doubts],
+            TableColumn("major_std", "m"): major,
+            TableColumn("minor_std", "m"): minor,
+            TableColumn("major_axis", "rad"): direction,
+            TableColumn("heading_std", "rad"): np.sqrt(self.covariances[:, 2, 2]),
+            TableColumn("fit"): self.fits,
+            TableColumn("off", "m"): self.log_distance,
+            TableColumn("doubt"): np.array(DOUBTS)[self.doubts],
         }
         return Table(tuple(values), tuple(zip(*(v.tolist() for v in values.values()), strict=True)))
 

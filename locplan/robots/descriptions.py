@@ -77,16 +77,16 @@ class RobotLinks:
                 return compose_transforms(self._pose_on_robot(carrier), pose)
             if carrier.tag == "gazebo" and (name := carrier.get("reference")):
                 return compose_transforms(self._pose_from_joints(name), pose)
-        except _UnknownFrame as frame_name:
-            self._warn_of_frame(frame_name)
+        except _UnknownFrame as normalize_frame_name:
+            self._warn_of_frame(normalize_frame_name)
         return pose
 
     def pose_of_link(self, link: Element) -> Floats:
         """Return the pose of a link on the base link; warn if the file lacks it."""
         try:
             return self._pose_on_robot(link)
-        except _UnknownFrame as frame_name:
-            self._warn_of_frame(frame_name)
+        except _UnknownFrame as normalize_frame_name:
+            self._warn_of_frame(normalize_frame_name)
             return IDENTITY
 
     def find_scanner_links(self) -> list[Element]:
@@ -183,9 +183,9 @@ def _frame_pose_in_model(model: Element, name: str, depth: int = 0) -> Floats:
     raise _UnknownFrame(name)
 
 
-def _find_reference_frame(part: Element) -> str:
+def _find_reference_frame(element: Element) -> str:
     """Return the name of the frame that a pose is relative to."""
-    pose = part.find("pose")
+    pose = element.find("pose")
     return "" if pose is None else (pose.get("relative_to") or "").strip()
 
 
@@ -209,9 +209,9 @@ def _read_joint_origin(joint: Element) -> Floats:
     return _make_transform(_parse_six_numbers(" ".join(texts), subject))
 
 
-def _parse_pose(part: Element, subject: str) -> Floats:
+def _parse_pose(element: Element, subject: str) -> Floats:
     """Return the pose in an SDF element, the identity without one."""
-    pose = part.find("pose")
+    pose = element.find("pose")
     text = "" if pose is None else (pose.text or "").strip()
     if pose is None or not text:
         return IDENTITY
@@ -281,7 +281,7 @@ def read_lidar(file: Path, lidar: Lidar | None = None) -> Lidar:
         sensors = _find_planar_sensors(tree.root)
         if lidar is None:
             return _lidar_from_sensor(_find_only_sensor(sensors, tree.root), tree)
-        return _with_mount(lidar, sensors, tree)
+        return _add_mount(lidar, sensors, tree)
 
 
 def _find_only_sensor(sensors: list[Element], root: Element) -> Element:
@@ -299,29 +299,29 @@ def _find_only_sensor(sensors: list[Element], root: Element) -> Element:
     raise ConfigError("has no planar lidar; name the robot's, such as lidar='turtlebot4'")
 
 
-def _with_mount(lidar: Lidar, sensors: list[Element], tree: RobotLinks) -> Lidar:
+def _add_mount(lidar: Lidar, sensors: list[Element], robot_links: RobotLinks) -> Lidar:
     """Return the lidar with the mount of the file's only sensor or scanner's frame."""
     if lidar.mount_x or lidar.mount_y or lidar.mount_yaw_deg:
         return lidar
     if len(sensors) == 1:
-        described = _lidar_from_sensor(sensors[0], tree)
+        described = _lidar_from_sensor(sensors[0], robot_links)
         return dataclasses.replace(
             lidar,
             mount_x=described.mount_x,
             mount_y=described.mount_y,
             mount_yaw_deg=described.mount_yaw_deg,
         )
-    links = [] if sensors else tree.find_scanner_links()
+    links = [] if sensors else robot_links.find_scanner_links()
     if len(links) == 1:
-        mount = _mount_from_pose(tree.pose_of_link(links[0]))
+        mount = _mount_from_pose(robot_links.pose_of_link(links[0]))
         yaw = math.degrees(mount.yaw)
         return dataclasses.replace(lidar, mount_x=mount.x, mount_y=mount.y, mount_yaw_deg=yaw)
     names = ", ".join(short_repr(part.get("name")) for part in (sensors or links)[:5])
     if sensors or links:
         several = "planar lidars" if sensors else "links named like a scanner"
-        tree.warn(f"has {len(sensors or links)} {several} ({names})")
+        robot_links.warn(f"has {len(sensors or links)} {several} ({names})")
     else:
-        tree.warn("has no link named like a scanner")
+        robot_links.warn("has no link named like a scanner")
     return lidar
 
 
@@ -331,14 +331,14 @@ def _find_planar_sensors(root: Element) -> list[Element]:
     return [sensor for sensor in sensors if _read_number(sensor, ".//vertical/samples", 1.0) <= 1]
 
 
-def _lidar_from_sensor(sensor: Element, tree: RobotLinks) -> Lidar:
+def _lidar_from_sensor(sensor: Element, robot_links: RobotLinks) -> Lidar:
     """Return the lidar that a sensor element describes."""
     value = partial(_read_number, sensor)
     first, last = value(".//horizontal/min_angle"), value(".//horizontal/max_angle")
     beams = int(value(".//horizontal/samples") * value(".//horizontal/resolution", 1.0))
     if beams < 2:
         raise ConfigError(f"its lidar has {beams} beams, but needs at least 2")
-    mount = _mount_from_pose(tree.pose_of_sensor(sensor))
+    mount = _mount_from_pose(robot_links.pose_of_sensor(sensor))
     if mount.upside_down:
         first, last = -last, -first
     noise = sensor.find(".//noise")
@@ -377,7 +377,7 @@ def _read_root(file: Path) -> Element:
         raise ConfigError(f"cannot be read ({error.strerror or error})") from None
     if b"<!ENTITY" in content:
         raise ConfigError("is no robot's description; name a URDF or SDF file")
-    begin = _find_declaration(content)
+    begin = _find_xml_declaration(content)
     try:
         root = ElementTree.fromstring(content[begin:])
     except ElementTree.ParseError as error:
@@ -386,11 +386,11 @@ def _read_root(file: Path) -> Element:
     except (ValueError, LookupError):  # of an encoding that Python does not know
         raise ConfigError("is no XML; name a URDF or SDF file") from None
     if root.tag == "launch":
-        raise ConfigError(_describe_launch_file(root))
+        raise ConfigError(_explain_launch_file(root))
     return root
 
 
-def _describe_launch_file(launch: Element) -> str:
+def _explain_launch_file(launch: Element) -> str:
     """Return the reason why a launch file cannot be read."""
     nodes = [*launch.iter("node"), *launch.iter("include")]
     ros1 = any(node.get("type") or "$(find " in (node.get("file") or "") for node in nodes)
@@ -402,7 +402,7 @@ def _describe_launch_file(launch: Element) -> str:
     return "is a launch file; give the YAML of parameters or the URDF that it names"
 
 
-def _find_declaration(content: bytes) -> int:
+def _find_xml_declaration(content: bytes) -> int:
     """Return the position of the XML declaration, if only comments and blanks precede it.
 
     Such a file is not well-formed, but Gazebo and many parsers read it.

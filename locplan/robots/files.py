@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import check_file_path, short_repr, suggestion_text
-from locplan._support.reading import check_stamp, read_content
+from locplan._support.checks import check_file_path, format_suggestion, short_repr
+from locplan._support.reading import check_file_stamp, read_content
 from locplan.errors import ConfigError
 from locplan.robots.amcl import Amcl, NamedFilter
 from locplan.robots.descriptions import SUFFIXES as DESCRIPTIONS, read_lidar
@@ -58,7 +58,7 @@ def footprint_from_corners(value: Any) -> Any:
     return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
 
 
-def read_parts(
+def read_robot_parts(
     *paths: str | os.PathLike[str], lidar: Lidar | None = None, planner: str | None = None
 ) -> Iterator[tuple[str | os.PathLike[str], dict[str, Any]]]:
     """Yield each file with the parts of the robot that are known after it.
@@ -100,7 +100,7 @@ def _read_robot_file(
     content = parse_yaml_values(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
     if isinstance(content.get("robot"), dict) and not _has_nodes(content["robot"]):
         if "version" in content:  # older files have settings of a field besides
-            check_stamp(path, content, "robot", VERSION)
+            check_file_stamp(path, content, "robot", VERSION)
         with name_file_in_errors(path):
             settings = _check_settings(content["robot"])
         return {
@@ -148,11 +148,11 @@ def _update_parts(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dict
                 raise ConfigError(f"{name}: {error}") from None
         if name == "lidar" and isinstance(value, str):
             value = Lidar.preset(value)
-        changed |= build_parts({name: value})
+        changed |= build_robot_parts({name: value})
     return changed
 
 
-def build_parts(settings: Mapping[str, Any]) -> dict[str, Any]:
+def build_robot_parts(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Build the parts of a robot from plain data."""
     _check_settings(settings)
     parts = {
@@ -199,5 +199,5 @@ def _check_setting_names(owner: str, settings: Mapping[str, Any], allowed_names:
     """Raise a ConfigError if a setting has an unknown name."""
     for name in settings:
         if name not in allowed_names:
-            names = f"{', '.join(allowed_names)}{suggestion_text(name, allowed_names)}"
+            names = f"{', '.join(allowed_names)}{format_suggestion(name, allowed_names)}"
             raise ConfigError(f"{owner} has no {short_repr(name)}; it has {names}")

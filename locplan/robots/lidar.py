@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 MAX_BEAMS = 100_000
 
 
-class DataSheet(NamedTuple):
+class LidarDataSheet(NamedTuple):
     """Values from a lidar's data sheet."""
 
     range: float
@@ -47,41 +47,49 @@ class DataSheet(NamedTuple):
     """Document that has these values."""
 
 
-_A1 = DataSheet(
+_A1 = LidarDataSheet(
     12.0, 0.15, 360.0, 360, 0.03, "Slamtec, RPLIDAR A1M8 data sheet, 2016; no error given"
 )
-_LDS_02 = DataSheet(
+_LDS_02 = LidarDataSheet(
     8.0, 0.16, 360.0, 360, 0.03, "ROBOTIS e-Manual, LDS-02; 3 % of the range at 1 m"
 )
 
-LIDARS: dict[str, DataSheet] = {
+LIDARS: dict[str, LidarDataSheet] = {
     "rplidar-a1": _A1,
-    "rplidar-a2": DataSheet(
+    "rplidar-a2": LidarDataSheet(
         12.0, 0.2, 360.0, 1600, 0.03, "Slamtec, A2M12 data sheet LD310, 2022; no error given"
     ),
-    "rplidar-a3": DataSheet(
+    "rplidar-a3": LidarDataSheet(
         25.0, 0.2, 360.0, 1600, 0.03, "Slamtec, A3M1 data sheet v1.3, 2019; no error given"
     ),
-    "rplidar-s2": DataSheet(30.0, 0.05, 360.0, 3200, 0.03, "Slamtec, S2M1-R2 sheet rev. 2.3, 2024"),
-    "rplidar-c1": DataSheet(12.0, 0.05, 360.0, 500, 0.03, "Slamtec, C1M1 sheet rev. 1.1, 2024"),
-    "ld19": DataSheet(12.0, 0.02, 360.0, 450, 0.01, "LDROBOT, LD19 data sheet v2.5, 2022"),
-    "ydlidar-x4": DataSheet(
+    "rplidar-s2": LidarDataSheet(
+        30.0, 0.05, 360.0, 3200, 0.03, "Slamtec, S2M1-R2 sheet rev. 2.3, 2024"
+    ),
+    "rplidar-c1": LidarDataSheet(
+        12.0, 0.05, 360.0, 500, 0.03, "Slamtec, C1M1 sheet rev. 1.1, 2024"
+    ),
+    "ld19": LidarDataSheet(12.0, 0.02, 360.0, 450, 0.01, "LDROBOT, LD19 data sheet v2.5, 2022"),
+    "ydlidar-x4": LidarDataSheet(
         10.0, 0.12, 360.0, 720, 0.035, "YDLIDAR, X4 data sheet v1.2, 2024; 3.5 % at 1 m"
     ),
-    "lds-01": DataSheet(3.5, 0.12, 360.0, 360, 0.035, "ROBOTIS e-Manual, LDS-01; 3.5 % at 1 m"),
+    "lds-01": LidarDataSheet(
+        3.5, 0.12, 360.0, 360, 0.035, "ROBOTIS e-Manual, LDS-01; 3.5 % at 1 m"
+    ),
     "lds-02": _LDS_02,
     "turtlebot3": _LDS_02,
     "turtlebot4": _A1,
-    "tim571": DataSheet(
+    "tim571": LidarDataSheet(
         25.0, 0.05, 270.0, 811, 0.02, "SICK, TiM571 data sheet; driver sick_scan_xd"
     ),
-    "lms111": DataSheet(20.0, 0.5, 270.0, 541, 0.012, "SICK, LMS111 product data, at 50 Hz"),
-    "lms291": DataSheet(80.0, 0.0, 180.0, 361, 0.01, "SICK, LMS291 technical description"),
-    "ust-10lx": DataSheet(10.0, 0.06, 270.0, 1081, 0.03, "Hokuyo, UST-10LX manual MRS-0020D, 2015"),
-    "utm-30lx": DataSheet(
+    "lms111": LidarDataSheet(20.0, 0.5, 270.0, 541, 0.012, "SICK, LMS111 product data, at 50 Hz"),
+    "lms291": LidarDataSheet(80.0, 0.0, 180.0, 361, 0.01, "SICK, LMS291 technical description"),
+    "ust-10lx": LidarDataSheet(
+        10.0, 0.06, 270.0, 1081, 0.03, "Hokuyo, UST-10LX manual MRS-0020D, 2015"
+    ),
+    "utm-30lx": LidarDataSheet(
         30.0, 0.1, 270.0, 1081, 0.03, "Hokuyo, UTM-30LX data sheet; 10 mm below 10 m, 30 mm beyond"
     ),
-    "urg-04lx": DataSheet(
+    "urg-04lx": LidarDataSheet(
         5.6, 0.02, 240.0, 682, 0.03, "Hokuyo, URG-04LX-UG01 data sheet; 30 mm to 1 m, 3 % beyond"
     ),
 }

@@ -111,22 +111,22 @@ def find_inflating_layer(parameters: Nav2Parameters) -> str | None:
     """
     layers = list_costmap_layers(parameters, GLOBAL_COSTMAP)
     for at, layer in enumerate(layers):
-        if layer.is_active("InflationLayer") and not _lacks_walls(layers, at):
+        if layer.is_active("InflationLayer") and not _inflates_no_walls(layers, at):
             return layer.name
     return None
 
 
-def _lacks_walls(layers: list[CostmapLayer], at: int) -> bool:
+def _inflates_no_walls(layers: list[CostmapLayer], layer_index: int) -> bool:
     """True if the map's layer is not before a layer, or not in its container.
 
     Outside of containers, a costmap without a StaticLayer may have walls of a layer of another
     type.
     """
-    container = layers[at].container
+    container = layers[layer_index].container
     walls = [n for n, layer in enumerate(layers) if layer.is_active("StaticLayer")]
     if container:
-        return not any(n < at and layers[n].container == container for n in walls)
-    return bool(walls) and min(walls) > at
+        return not any(n < layer_index and layers[n].container == container for n in walls)
+    return bool(walls) and min(walls) > layer_index
 
 
 def list_layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
@@ -297,7 +297,7 @@ def describe_drive(drive: Kinematics) -> str:
     return f"car-like with a turning radius of {drive.turning_radius:g} m{reverse}"
 
 
-def find_unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
+def find_unknown_lattice_file(parameters: Nav2Parameters, planner: str) -> str | None:
     """Return the lattice file of a planner if its motion model is unknown, otherwise None.
 
     Parameters
@@ -308,17 +308,17 @@ def find_unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
         The planner's name.
     """
     is_lattice = (
-        _planner_class_name(parameters.read_node_parameters(PLANNER_SERVER), planner)
+        _get_planner_class_name(parameters.read_node_parameters(PLANNER_SERVER), planner)
         == "SmacPlannerLattice"
     )
     return (
         _read_lattice_path(parameters, planner)
-        if is_lattice and not _read_lattice(parameters, planner)
+        if is_lattice and not _read_lattice_drive(parameters, planner)
         else None
     )
 
 
-def _planner_class_name(server_parameters: dict[str, Any], planner: str) -> str:
+def _get_planner_class_name(server_parameters: dict[str, Any], planner: str) -> str:
     """Return the type of a planner without its package, whichever separator it uses."""
     return (
         str(server_parameters.get(f"{planner}.plugin", "")).replace("/", "::").rpartition("::")[2]
@@ -328,14 +328,14 @@ def _planner_class_name(server_parameters: dict[str, Any], planner: str) -> str:
 def _read_drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
     """Read the drive that a planner plans for; None for a planner without motion model."""
     server_parameters = parameters.read_node_parameters(PLANNER_SERVER)
-    kind = _planner_class_name(server_parameters, planner)
+    kind = _get_planner_class_name(server_parameters, planner)
     if kind in ("SmacPlannerHybrid", "SmacPlanner"):  # the latter up to foxy
         model = server_parameters.get(f"{planner}.motion_model_for_search", "DUBIN")
         if model in ("DUBIN", "REEDS_SHEPP"):  # the latter also drives in reverse
             radius = server_parameters.get(f"{planner}.minimum_turning_radius", 0.4)
             reverse = model == "REEDS_SHEPP"
             return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
-    if kind == "SmacPlannerLattice" and (lattice := _read_lattice(parameters, planner)):
+    if kind == "SmacPlannerLattice" and (lattice := _read_lattice_drive(parameters, planner)):
         model, radius = lattice
         if model == "ackermann":
             reverse = server_parameters.get(f"{planner}.allow_reverse_expansion") is True
@@ -353,7 +353,7 @@ def _read_lattice_path(parameters: Nav2Parameters, planner: str) -> str:
     )
 
 
-def _read_lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | None:
+def _read_lattice_drive(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | None:
     """Read motion model and turning radius from a planner's lattice file, or from its name."""
     text = _read_lattice_path(parameters, planner)
     value = parameters.find_values(PLANNER_SERVER).get(f"{planner}.lattice_filepath")
@@ -606,7 +606,7 @@ def _list_drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterat
         name: describe_drive(drive or _read_amcl_drive(parameters))
         for name, drive in drives.items()
     }
-    if file := find_unread_lattice(parameters, used):
+    if file := find_unknown_lattice_file(parameters, used):
         yield (
             f"the motion model of {used} is in {short_repr(file)}, which cannot be read; locplan"
             " takes"

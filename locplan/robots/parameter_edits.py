@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from locplan._support.reading import compose_yaml, flow_text, read_content
+from locplan._support.reading import compose_yaml, format_yaml_flow, read_content
 from locplan.errors import LocplanError
 from locplan.robots.parameters import (
     MAX_BYTES,
@@ -133,16 +133,16 @@ def _make_replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, i
         return (
             text.index(":", key.end_mark.index) + 1,
             value.value[-1].end_mark.index,
-            (f" {flow_text(new)}"),
+            (f" {format_yaml_flow(new)}"),
         )
     if start < key.end_mark.index:  # an alias, whose node stands where its anchor is
         alias = re.compile(r"\s*:\s*(\*[^\s,\[\]{}]+)").match(text, key.end_mark.index)
         assert alias is not None
-        return alias.start(1), alias.end(1), flow_text(new)
+        return alias.start(1), alias.end(1), format_yaml_flow(new)
     anchor = re.compile(r"&[^\s,\[\]{}]+\s*").match(text, start)
     quote = text[start] if text[start : start + 1] in ("'", '"') else ""
     quote = quote if isinstance(new, str) else ""
-    written = f"{quote}{new}{quote}" if quote else flow_text(new)
+    written = f"{quote}{new}{quote}" if quote else format_yaml_flow(new)
     return (anchor.end() if anchor else start), end, written
 
 
@@ -150,7 +150,7 @@ def _make_insertion(
     text: str, root: Any, keys: Sequence[str], values: Mapping[str, Any]
 ) -> tuple[int, int, str]:
     """Return the place of missing parameters, as start and end, and their text."""
-    lines = [f"{name}: {flow_text(value)}" for name, value in values.items()]
+    lines = [f"{name}: {format_yaml_flow(value)}" for name, value in values.items()]
     node_pair = _find_last_pair(root, keys)
     mapping: Any = node_pair[1] if node_pair else root
     if mapping.flow_style:

@@ -118,10 +118,10 @@ def iterate_sections(content: Parameters, keys: tuple[str, ...]) -> Iterator[Nod
             yield from iterate_sections(value, (*keys, key))
 
 
-def list_section_values(at: int, section: NodeSection) -> Iterator[ParameterValue]:
+def list_section_values(file_index: int, section: NodeSection) -> Iterator[ParameterValue]:
     """Yield all values in an entry."""
     for path, value in iterate_leaves(section.parameters):
-        yield ParameterValue(value, at, section, path)
+        yield ParameterValue(value, file_index, section, path)
 
 
 def merge_sections(sections: Sequence[tuple[int, NodeSection]]) -> list[ParameterValue]:
@@ -143,7 +143,9 @@ def merge_sections(sections: Sequence[tuple[int, NodeSection]]) -> list[Paramete
     return values
 
 
-def read_component_values(at: int, file: ParameterFile, node: str) -> dict[str, ParameterValue]:
+def read_component_values(
+    file_index: int, file: ParameterFile, node: str
+) -> dict[str, ParameterValue]:
     """Return the values that launch_ros takes from a file for a node in a component container.
 
     Values for its name replace whole mappings of "/**", such as all settings of a plugin.
@@ -156,7 +158,7 @@ def read_component_values(at: int, file: ParameterFile, node: str) -> dict[str, 
     for name in ("**", f"{file.namespace}/{node}".strip("/")):
         if name in sections:
             section_values: dict[str, list[ParameterValue]] = {}
-            for parameter in list_section_values(at, sections[name]):
+            for parameter in list_section_values(file_index, sections[name]):
                 section_values.setdefault(parameter.path[0], []).append(parameter)
             parts |= section_values
     return {
@@ -165,14 +167,14 @@ def read_component_values(at: int, file: ParameterFile, node: str) -> dict[str, 
 
 
 def iterate_leaves(
-    parameters: Parameters, above: tuple[str, ...] = ()
+    parameters: Parameters, parent_keys: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Yield each value with the keys that lead to it."""
     for key, value in parameters.items():
         if isinstance(value, dict):
-            yield from iterate_leaves(value, (*above, key))
+            yield from iterate_leaves(value, (*parent_keys, key))
         else:
-            yield (*above, key), value
+            yield (*parent_keys, key), value
 
 
 AMCL, PLANNER_SERVER = "amcl", "planner_server"
@@ -395,9 +397,9 @@ class Nav2Parameters:
                 inner[path[-1]] = copy.deepcopy(parameter.value)
         return content
 
-    def _namespace_of_file(self, at: int) -> str:
+    def _namespace_of_file(self, file_index: int) -> str:
         """Return the robot's namespace in a file."""
-        return self.files[at].namespace if self.files else ""
+        return self.files[file_index].namespace if self.files else ""
 
     def _group_sections(self) -> list[list[tuple[int, NodeSection]]]:
         """Group all entries, with the indices of their files, by name.
@@ -619,14 +621,14 @@ def parse_yaml_values(file: Path, content: bytes, remedy: str) -> Parameters:
     """Parse a file's YAML into values by name, as ROS reads them; empty if it is no mapping."""
     root = compose_yaml(file, content, remedy)
     try:
-        values = None if root is None else _PlainValues().read_node(root)
+        values = None if root is None else _YamlValueReader().read_node(root)
     except (OverflowError, RecursionError):
         fault = f"its aliases stand for over {MAX_VALUES} values"
         raise make_map_error(file, fault, "write out what they stand for") from None
     return values if isinstance(values, dict) else {}
 
 
-class _PlainValues:
+class _YamlValueReader:
     """A reader of YAML nodes; an OverflowError at more than `MAX_VALUES` values."""
 
     def __init__(self) -> None:

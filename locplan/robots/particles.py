@@ -71,7 +71,7 @@ class ParticleFilter:
         if not due and self._has_started:
             return
         self._has_started = True
-        ends = compared_ends(self._amcl, self._lidar, np.asarray(ranges)[None])[0]
+        ends = compute_compared_ends(self._amcl, self._lidar, np.asarray(ranges)[None])[0]
         cells = np.ascontiguousarray(ends / self._grid.resolution)
         if drives.correct_particles(
             random, self._tracker, self._scores, cells, NOW, self._settings
@@ -124,7 +124,7 @@ def filter_settings(amcl: Amcl) -> FilterSettings:
     )
 
 
-def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
+def compute_compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
     """Return the ends of the beams that AMCL compares, (n, some beams, 2) on the robot [m].
 
     Parameters

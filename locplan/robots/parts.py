@@ -272,7 +272,7 @@ class Footprint:
             Start of the colliding line or turn [m]; None without a collision.
         """
         moves = _poses_on_grid(grid, np.asarray(getattr(poses, "poses", poses), np.float64))
-        hit = next(self._find_hits(grid, moves), -1)
+        hit = next(self._find_colliding_moves(grid, moves), -1)
         if hit < 0:
             return None
         x, y = grid.grid_to_world(moves[hit, 1], moves[hit, 0])
@@ -293,13 +293,17 @@ class Footprint:
         (k,) array
             The colliding ones of the n - 1 lines.
         """
-        return np.array([*self._find_hits(grid, _poses_on_grid(grid, poses))], np.int64)
+        return np.array([*self._find_colliding_moves(grid, _poses_on_grid(grid, poses))], np.int64)
 
-    def _find_hits(self, grid: OccupancyGrid, moves: Floats) -> Iterator[int]:
+    def _find_colliding_moves(self, grid: OccupancyGrid, moves: Floats) -> Iterator[int]:
         """Yield the indices of the colliding lines between poses (n, 3) of (col, row, heading)."""
-        from locplan._support.kernels.outlines import find_first_hit, sum_rows
+        from locplan._support.kernels.outlines import find_first_hit, sum_occupied_along_rows
 
-        sums, corners, begin = sum_rows(grid.cells == OCCUPIED), self.vertices / grid.resolution, 0
+        sums, corners, begin = (
+            sum_occupied_along_rows(grid.cells == OCCUPIED),
+            self.vertices / grid.resolution,
+            0,
+        )
         while (hit := int(find_first_hit(sums, corners, moves[begin:]))) >= 0:
             yield begin + hit
             begin += hit + 1

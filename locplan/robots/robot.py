@@ -16,26 +16,26 @@ from locplan._support.checks import (
     check_instance,
     check_number,
     describe_changed_settings,
+    format_suggestion,
     set_frozen_fields,
     setting,
     short_repr,
-    suggestion_text,
 )
 from locplan._support.files import check_target
 from locplan._support.output import replace_file
 from locplan._support.public import read_field_docs
 from locplan._support.reading import dump_yaml, stamp
-from locplan._support.records import Column, Table
+from locplan._support.records import Table, TableColumn
 from locplan.errors import ConfigError
 from locplan.robots.amcl import Amcl, Filter
 from locplan.robots.files import (
     PARTS,
     ROBOT_SETTINGS,
     VERSION,
-    build_parts,
+    build_robot_parts,
     footprint_from_corners,
     list_setting_names,
-    read_parts,
+    read_robot_parts,
 )
 from locplan.robots.lidar import Lidar
 from locplan.robots.nav2 import name_file_in_errors
@@ -147,7 +147,7 @@ class Robot(Settings):
             If parameters are not simulated, or a URDF or SDF does not have the lidar's mount.
         """
         robot = cls(lidar)
-        for path, parts in read_parts(*paths, lidar=robot.lidar, planner=planner):
+        for path, parts in read_robot_parts(*paths, lidar=robot.lidar, planner=planner):
             with name_file_in_errors(path):
                 robot = cls(**parts)
         return robot
@@ -198,7 +198,7 @@ class Robot(Settings):
         ConfigError
             If there is no such setting, or a value is out of its range.
         """
-        return cls(**build_parts(settings))
+        return cls(**build_robot_parts(settings))
 
     @property
     def digest(self) -> str:
@@ -275,7 +275,7 @@ class Robot(Settings):
                 )
             else:
                 setting_names = (*ROBOT_SETTINGS, *of_part)
-                names = f"{', '.join(setting_names)}{suggestion_text(name, setting_names)}"
+                names = f"{', '.join(setting_names)}{format_suggestion(name, setting_names)}"
                 raise ConfigError(f"a robot has no setting {short_repr(name)}; it has {names}")
         for part, part_changes in parts.items():
             before = self.amcl if part == "filter" else getattr(self, part) or PARTS[part]()
@@ -341,7 +341,7 @@ def list_settings(robot: Robot) -> Table:
         for name, text in read_field_docs(kind).items():
             rows.append(_format_setting(part, name, settings, text))
     names = "part", "setting", "unit", "value", "meaning"
-    return Table(tuple(Column(name, title=name) for name in names), tuple(rows))
+    return Table(tuple(TableColumn(name, title=name) for name in names), tuple(rows))
 
 
 def _format_setting(part: str, name: str, settings: object, text: str) -> tuple[str, ...]:

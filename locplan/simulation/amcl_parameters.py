@@ -12,7 +12,7 @@ import numpy as np
 
 from locplan._support.checks import is_number
 from locplan._support.intervals import make_generator
-from locplan._support.reading import scalar_text
+from locplan._support.reading import format_yaml_scalar
 from locplan.errors import LocplanError
 from locplan.robots.amcl import MODELS, NOT_SIMULATED, SIMULATED, Amcl
 from locplan.robots.lidar import Lidar
@@ -24,7 +24,7 @@ from locplan.robots.robot import Robot
 from locplan.simulation.simulator import BEAM_STREAM, Simulator
 
 
-def is_untuned(amcl: Amcl) -> bool:
+def has_default_preset_parameters(amcl: Amcl) -> bool:
     """True if all that presets change has the values of Nav2's defaults.
 
     Parameters
@@ -56,7 +56,7 @@ class BeamCount:
         simulator : Simulator
             The map, the lidar, the filter and the disturbances.
         """
-        from locplan._support.kernels.lidar import measure_ends
+        from locplan._support.kernels.lidar import simulate_measured_ends
 
         random = make_generator(simulator.seed, BEAM_STREAM)
         grid, arguments = simulator.grid, simulator.arguments
@@ -69,7 +69,7 @@ class BeamCount:
             world = simulator.worlds[n % len(simulator.worlds)]
             pose = np.array([*(cell + 0.5), random.uniform(-np.pi, np.pi)])
             sensed = arguments.lidar, arguments.disturbances
-            measure_ends(random, world, grid.resolution, pose, *sensed, ends)
+            simulate_measured_ends(random, world, grid.resolution, pose, *sensed, ends)
             returned += int(np.isfinite(ends[:, 0]).sum())
         return cls(len(ends), returned / 200)
 
@@ -156,7 +156,7 @@ def list_setting_warnings(
     return (*warnings, *beam_count.find_warnings())
 
 
-def check_tunable(params: Path | None) -> None:
+def check_can_write_tuning(params: Path | None) -> None:
     """Check that tuned settings can be written into a file's copy; to be called before long work.
 
     Parameters
@@ -199,16 +199,18 @@ def write_tuned_parameters(file: Path, winner: Amcl, params: Path | None = None)
     if params is None:
         file.write_bytes(_make_parameter_file(winner))
     else:
-        before, robot = _read_without_warnings(params), split_robot_name(params)[1]
-        changed = {name: getattr(winner, name) for name in find_differing_names(before, winner)}
+        before, robot = _read_settings_without_warnings(params), split_robot_name(params)[1]
+        changed = {
+            name: getattr(winner, name) for name in find_differing_parameters(before, winner)
+        }
         file.write_bytes(_edit_parameters(params, changed))
-    if find_differing_names(
-        _read_without_warnings(Path(f"{file}:{robot}") if robot else file), winner
+    if find_differing_parameters(
+        _read_settings_without_warnings(Path(f"{file}:{robot}") if robot else file), winner
     ):
         raise LocplanError(f"{file}: could not be written as it was meant to be")
 
 
-def find_differing_names(first: Amcl, second: Amcl) -> list[str]:
+def find_differing_parameters(first: Amcl, second: Amcl) -> list[str]:
     """The parameters in Nav2's files of which two settings have different values."""
     names = [
         setting_field.name
@@ -230,7 +232,7 @@ def _edit_parameters(params: Path, values: Mapping[str, float | str]) -> bytes:
     return edit_parameters(params, "amcl", values)
 
 
-def _read_without_warnings(file: Path) -> Amcl:
+def _read_settings_without_warnings(file: Path) -> Amcl:
     """Return the settings in a file without repeating its warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
@@ -250,4 +252,4 @@ def _make_parameter_file(winner: Amcl) -> bytes:
 
 
 def _format_value(value: float | str | bool) -> str:
-    return f'"{value}"' if isinstance(value, str) else scalar_text(value)
+    return f'"{value}"' if isinstance(value, str) else format_yaml_scalar(value)

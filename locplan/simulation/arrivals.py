@@ -13,7 +13,7 @@ from locplan._support.checks import Settings, check_positive
 from locplan._support.intervals import Interval, compute_wilson_interval
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.poses import Poses, wrap_angles
-from locplan._support.records import POSE, Column, Table
+from locplan._support.records import POSE, Table, TableColumn
 from locplan._support.saved import EqualByValue
 from locplan.planning.path import Path
 from locplan.simulation.drives import check_drives, make_rate_column
@@ -65,7 +65,7 @@ Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Arrival(EqualByValue):
+class ClosedLoopDrive(EqualByValue):
     """One closed-loop drive."""
 
     outcome: str
@@ -93,7 +93,7 @@ class Arrival(EqualByValue):
     @classmethod
     def from_drive(
         cls, outcome: str, truth: Poses, believed: Poses, path: Path, standstills: int = 0
-    ) -> Arrival:
+    ) -> ClosedLoopDrive:
         """A drive that ended.
 
         Parameters
@@ -139,7 +139,7 @@ class Arrival(EqualByValue):
 class Arrivals(EqualByValue):
     """Closed-loop drives along one path; the n-th of two paths with the same ends are pairs."""
 
-    drives: tuple[Arrival, ...]
+    drives: tuple[ClosedLoopDrive, ...]
     """The drives by number."""
 
     def __repr__(self) -> str:
@@ -199,7 +199,7 @@ class Arrivals(EqualByValue):
         drive_places = [
             (n, *place) for n, drive in enumerate(self.drives) for place in drive.places
         ]
-        columns = Column("drive"), Column("what"), *POSE
+        columns = TableColumn("drive"), TableColumn("what"), *POSE
         return Table(
             columns,
             tuple(
@@ -219,15 +219,15 @@ ENDINGS = {
 """Name in files and words of each outcome and fault."""
 
 
-def _make_ending_column(ending: str) -> Column:
+def _make_ending_column(ending: str) -> TableColumn:
     return make_rate_column(*ENDINGS[ending], lambda arrivals: arrivals.compute_rate(ending))
 
 
-ENDING_COLUMNS: tuple[Column, ...] = tuple(map(_make_ending_column, ENDINGS))
+ENDING_COLUMNS: tuple[TableColumn, ...] = tuple(map(_make_ending_column, ENDINGS))
 """Columns of the shares of drives by their ends."""
-ARRIVAL_COLUMNS: tuple[Column, ...] = (
+ARRIVAL_COLUMNS: tuple[TableColumn, ...] = (
     ENDING_COLUMNS[0],
-    Column("standstills", title="standstills before a wall, per drive", digits=1),
+    TableColumn("standstills", title="standstills before a wall, per drive", digits=1),
     *ENDING_COLUMNS[1:],
 )
 """Columns of `Arrivals`."""
@@ -236,12 +236,12 @@ ARRIVAL_COLUMNS: tuple[Column, ...] = (
 def tabulate_ends(arrivals: Mapping[str, Arrivals]) -> Table:
     """Return the true and the estimated end of each closed-loop drive along some paths."""
     columns = (
-        *map(Column, ("path", "drive", "outcome")),
-        Column("seconds", "s"),
-        Column("standstills"),
-        Column("fault"),
+        *map(TableColumn, ("path", "drive", "outcome")),
+        TableColumn("seconds", "s"),
+        TableColumn("standstills"),
+        TableColumn("fault"),
         *POSE,
-        *(Column(f"believed_{pose_column.name}", pose_column.unit) for pose_column in POSE),
+        *(TableColumn(f"believed_{pose_column.name}", pose_column.unit) for pose_column in POSE),
     )
     rows = (
         (name, n, *_get_ending_values(drive), *drive.end, *drive.believed_end)
@@ -251,7 +251,7 @@ def tabulate_ends(arrivals: Mapping[str, Arrivals]) -> Table:
     return Table(columns, tuple(rows))
 
 
-def _get_ending_values(drive: Arrival) -> tuple[Any, ...]:
+def _get_ending_values(drive: ClosedLoopDrive) -> tuple[Any, ...]:
     return drive.outcome, drive.seconds, drive.standstills, drive.fault
 
 

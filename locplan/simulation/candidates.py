@@ -31,8 +31,17 @@ from locplan.planning.requests import make_planner
 from locplan.planning.results import ParetoFront, Plan
 from locplan.robots.lidar import Lidar
 from locplan.robots.robot import Robot
-from locplan.simulation.problem import MAX_PLACE_DISTANCE, PlanningProblem, compute_distances
-from locplan.simulation.worlds import Window, compute_inflated_density, make_path_poses, make_window
+from locplan.simulation.problem import (
+    MAX_PLACE_DISTANCE,
+    PlanningProblem,
+    compute_distances_to_path,
+)
+from locplan.simulation.worlds import (
+    Window,
+    compute_inflated_density,
+    make_path_poses,
+    make_window_around,
+)
 
 AWARE_WEIGHTS = tuple(share * LidarEstimator.weight for share in (0.5, 1.0, 1.5))
 """Weights of the degeneracy u of the aware paths, about the default one."""
@@ -52,7 +61,7 @@ class PlanningArea:
     """Candidates until now, the shortest first."""
 
     @cached_property
-    def clear_density(self) -> NDArray[np.float64]:
+    def wall_avoiding_density(self) -> NDArray[np.float64]:
         """Density that keeps off the walls."""
         return 1 + 3 * np.exp(-(self.grid.clearance - self.robot.radius) / 0.4)
 
@@ -67,7 +76,7 @@ class PlanningArea:
         return np.exp(-(self._compute_distances(*self.accepted.values()) ** 2))
 
     @property
-    def middle_mask(self) -> NDArray[np.bool_]:
+    def is_near_shortest_middle(self) -> NDArray[np.bool_]:
         """Cells within 1.5 m of the middle of the shortest path."""
         shortest = self.accepted[SHORTEST]
         middle = [np.interp(shortest.length / 2, shortest.distance, v) for v in shortest.xy.T]
@@ -85,7 +94,9 @@ class PlanningArea:
         return np.asarray(cells * self.grid.resolution, np.float64)
 
 
-def config_from_costs(cost_summary: Mapping[str, Any], lidar: Lidar | None) -> FieldConfig:
+def field_config_from_cost_summary(
+    cost_summary: Mapping[str, Any], lidar: Lidar | None
+) -> FieldConfig:
     """Return the settings of the field in a costmap's summary, or the default settings."""
     if "config" in cost_summary:
         return FieldConfig.from_json(cost_summary["config"])
@@ -145,21 +156,21 @@ AWARE_NAME = "aware, weight "
 """Beginning of the names of aware paths; their weight follows."""
 
 
-def make_aware_density(weight: float) -> dict[str, DensityFunction]:
+def make_named_aware_density(weight: float) -> dict[str, DensityFunction]:
     return {f"{AWARE_NAME}{weight:g}": lambda part: 1 + weight * part.u}
 
 
 INFLATED_DENSITIES: dict[str, DensityFunction] = {"inflated": lambda part: part.inflated_density}
 """That of the robot's own inflated costmap, on which its navigation would plan."""
 FIELDLESS_DENSITIES: dict[str, DensityFunction] = {
-    "clear of walls": lambda part: part.clear_density,
+    "clear of walls": lambda part: part.wall_avoiding_density,
     "along walls": lambda part: 1 + 3 * np.minimum(abs(part.grid.clearance - 0.6), 1.5),
     "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.grid.clearance - 1), 2),
-    "detour": lambda part: part.clear_density + 50 * part.middle_mask,
+    "detour": lambda part: part.wall_avoiding_density + 50 * part.is_near_shortest_middle,
     "way around 1": lambda part: 1 + 1.2 * part.proximity,
     "way around 2": lambda part: 1 + 2.5 * part.proximity,
-    "clear way around 1": lambda part: part.clear_density + 1.2 * part.proximity,
-    "clear way around 2": lambda part: part.clear_density + 2.5 * part.proximity,
+    "clear way around 1": lambda part: part.wall_avoiding_density + 1.2 * part.proximity,
+    "clear way around 2": lambda part: part.wall_avoiding_density + 2.5 * part.proximity,
 }
 """Those that need no field, whose paths must be others than those before. They were found to lower
 the error of filters; the first is the best of them."""
@@ -167,9 +178,9 @@ AWARE_DENSITIES: dict[str, DensityFunction] = {
     **{
         name: density
         for weight in AWARE_WEIGHTS
-        for name, density in make_aware_density(weight).items()
+        for name, density in make_named_aware_density(weight).items()
     },
-    "aware and clear": lambda part: part.clear_density + 8 * part.u,
+    "aware and clear": lambda part: part.wall_avoiding_density + 8 * part.u,
 }
 """Those that need a field, whose paths are candidates however near another one they are."""
 
@@ -245,7 +256,7 @@ class SearchRegion(PlanningArea):
         y = along * math.sin(turn) + across * math.cos(turn)
         xy = (start + goal) / 2 + np.column_stack([x, y])
         cells = np.column_stack(costs.grid.world_to_grid(*xy.T))
-        window = make_window(costs.grid, cells, REGION_MARGIN / costs.grid.resolution)
+        window = make_window_around(costs.grid, cells, REGION_MARGIN / costs.grid.resolution)
         grid, u = costs.grid.crop(*window), costs.u[window]
         return cls(grid, u, problem.robot, {SHORTEST: shortest}, costs, window, problem, longest)
 
@@ -312,7 +323,7 @@ def generate_candidates(
     requested: dict[str, DensityFunction] = {}
     if not math.isnan(region.costs.weight):
         for weight in region.requested_weights:
-            requested |= make_aware_density(weight)
+            requested |= make_named_aware_density(weight)
         densities |= AWARE_DENSITIES | requested
     for name, density in densities.items():
         area = region.whole_map if name in requested else region
@@ -322,9 +333,11 @@ def generate_candidates(
         limits = (0.35, 0.1) if name in FIELDLESS_DENSITIES else (0.1, 0.0)
         if isinstance(path, str):
             left_out[name] = path
-        elif twin := find_equal_path(path, {**accepted, **user_paths}, 0.1, 0.0):
+        elif twin := find_similar_path_name(path, {**accepted, **user_paths}, 0.1, 0.0):
             left_out[name] = f"same path as {short_repr(twin)}"
-        elif twin := find_equal_path(path, _drop_paths(accepted, INFLATED_DENSITIES), *limits):
+        elif twin := find_similar_path_name(
+            path, _drop_paths(accepted, INFLATED_DENSITIES), *limits
+        ):
             left_out[name] = f"nearly the same path as {short_repr(twin)}"
         else:
             accepted[name] = path
@@ -339,13 +352,13 @@ def _drop_paths(paths: Mapping[str, Path], names: Collection[str]) -> dict[str, 
     return {name: path for name, path in paths.items() if name not in names}
 
 
-def find_equal_path(
-    path: Path, other_paths: Mapping[str, Path], distance: float, share: float
+def find_similar_path_name(
+    path: Path, other_paths: Mapping[str, Path], max_distance: float, max_far_share: float
 ) -> str:
     """Name of the first path that all but a share of a path's points are near [m], or none."""
     points = path.resample(0.25, even=True).xy
     for name, other in other_paths.items():
-        if float((compute_distances(points, other) > distance).mean()) <= share:
+        if float((compute_distances_to_path(points, other) > max_distance).mean()) <= max_far_share:
             return name
     return ""
 
@@ -372,7 +385,8 @@ def parse_user_candidates(candidates: Candidates) -> UserCandidates:
         candidates_by_name = candidates.items()
     elif isinstance(candidates, Iterable):
         candidates_by_name = [
-            (_choose_name(candidate, n), candidate) for n, candidate in enumerate(candidates, 1)
+            (_choose_candidate_name(candidate, n), candidate)
+            for n, candidate in enumerate(candidates, 1)
         ]
     else:
         raise ConfigError(
@@ -388,7 +402,7 @@ def parse_user_candidates(candidates: Candidates) -> UserCandidates:
     return user_candidates
 
 
-def _choose_name(candidate: AnyCandidate, number: int) -> str:
+def _choose_candidate_name(candidate: AnyCandidate, number: int) -> str:
     if isinstance(candidate, str):
         return candidate
     if isinstance(candidate, ParetoFront):

@@ -28,11 +28,11 @@ from locplan.simulation.arrivals import (
     NEAR_GOAL,
     TIMED_OUT,
     WORLD_FAULT,
-    Arrival,
+    ClosedLoopDrive,
 )
 from locplan.simulation.custom_filters import CustomFilterLoop
 from locplan.simulation.simulator import CLOSED_LOOP_STREAM, Simulator
-from locplan.simulation.worlds import Stage, compute_inflated_density, get_inflation
+from locplan.simulation.worlds import WorldRegion, compute_inflated_density, get_inflation
 
 POINT_SPACING = 0.05
 """Distance between the points of a path that is followed [m]."""
@@ -60,7 +60,9 @@ class Replanner:
         """Cost per metre of each cell on the inflated map, (H, W)."""
         return np.where(self.no_go, np.inf, self._compute_density(self.grid.clearance))
 
-    def plan_car_way(self, way: Floats, truth: Floats, believed: Floats, world: Any) -> Floats:
+    def plan_car_way(
+        self, way: Floats, true_pose: Floats, believed_pose: Floats, world: Any
+    ) -> Floats:
         """Return a car-like robot's way (n, 4) round seen obstacles, by the lattice planner.
 
         Ways have positions [m], gears and headings [rad]. The new way joins the old way a metre
@@ -68,9 +70,9 @@ class Replanner:
         """
         from locplan.planning.costmap import Costmap
         from locplan.planning.lattice import Lattice
-        from locplan.planning.path_check import path_faults
+        from locplan.planning.path_check import find_path_faults
 
-        scene = self._crop_scene(truth, believed, world)
+        scene = self._crop_scene(true_pose, believed_pose, world)
         if scene is None:
             return way
         low, density, walls, window = scene
@@ -80,21 +82,21 @@ class Replanner:
             OccupancyGrid(cells, self.grid.resolution),
             low[::-1] * self.grid.resolution,
         )
-        within = _are_inside(
+        within = _are_inside_grid(
             np.floor((way[:, 1::-1] - shift[::-1]) / local_map.resolution), cells.shape
         )
         near = way[: len(way) if within.all() else int(np.argmin(within))]
         if len(near) < 2:
             return way
         ahead = Path(near[:, :2] - shift, near[:, 3])
-        faults = path_faults(local_map, ahead, self.robot)
+        faults = find_path_faults(local_map, ahead, self.robot)
         ends = [fault.along + fault.length for fault in faults if fault.kind == "collision"]
         if not ends:
             return way
         join = min(int(np.searchsorted(ahead.distance, ends[0] + JOIN_DISTANCES[0])), len(near) - 1)
         robot = replace(self.robot, margin=0.0, goal_tolerance=0.0)
         costs = Costmap.from_density(local_map, density, robot=robot)
-        first = (*(believed[:2] - shift).tolist(), float(believed[2]))
+        first = (*(believed_pose[:2] - shift).tolist(), float(believed_pose[2]))
         last = (*ahead.xy[join].tolist(), float(near[join, 3]))
         cells_of_ends = (local_map.cell(fault[:2]) for fault in (first, last))
         if not all(np.isfinite(costs.density[cell]) for cell in cells_of_ends):
@@ -106,31 +108,36 @@ class Replanner:
         new = add_gears(np.column_stack([even.xy + shift, even.facing]))
         return np.concatenate([new, way[join + 1 :]])
 
-    def plan_way(self, way: Any, truth: Any, believed: Any, world: Any) -> Floats:
+    def plan_way(self, way: Any, true_pose: Any, believed_pose: Any, world: Any) -> Floats:
         """Return a way (n, 2) from the estimated pose to the path, past mapped and seen walls.
 
         It joins the path at the cheapest point within some metres, otherwise later. The path stays
         if no way is found.
         """
-        from locplan._support.kernels.search import compute_shortest_costs, make_bordered_half
+        from locplan._support.kernels.search import (
+            compute_shortest_costs,
+            make_bordered_half_density,
+        )
         from locplan._support.kernels.ways import trace_path
 
-        scene = self._crop_scene(truth, believed, world)
+        scene = self._crop_scene(true_pose, believed_pose, world)
         if scene is None:
             return np.asarray(way)
         (low, density, walls, window), resolution = scene, self.grid.resolution
-        start = np.floor(believed[1::-1] / resolution).astype(int) - low
+        start = np.floor(believed_pose[1::-1] / resolution).astype(int) - low
         density[self.grid.cells[window] != FREE] = np.inf
         density[tuple(walls.T)] = np.inf
         density[tuple(start)] = LEAVE_COST
 
-        half, columns = make_bordered_half(density, 1), density.shape[1] + 2
+        half, columns = make_bordered_half_density(density, 1), density.shape[1] + 2
         costs = compute_shortest_costs(
             half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False
         )
         along = compute_travel_distances(way)
         points = np.floor(way[:, ::-1] / resolution).astype(int) - low
-        able = _are_inside(points, density.shape) & (along >= min(JOIN_DISTANCES[0], along[-1]))
+        able = _are_inside_grid(points, density.shape) & (
+            along >= min(JOIN_DISTANCES[0], along[-1])
+        )
         flat = (points[able] + 1) @ (columns, 1)
         cost = np.full(len(way), np.inf)
         cost[able] = resolution * costs[flat]
@@ -147,13 +154,13 @@ class Replanner:
         return np.concatenate([centres, way[min(best + 1, len(way) - 1) :]])
 
     def _crop_scene(
-        self, truth: Any, believed: Any, world: Any
+        self, true_pose: Any, believed_pose: Any, world: Any
     ) -> tuple[Any, Floats, Ints, Any] | None:
         """The first cell of the part around the believed pose, its density, the cells of walls that
         are seen in it, and its slices of the map; None off the map."""
         resolution = self.grid.resolution
         robot_cell, reach = (
-            np.floor(believed[1::-1] / resolution).astype(int),
+            np.floor(believed_pose[1::-1] / resolution).astype(int),
             SCENE_RANGE / resolution,
         )
         low = np.maximum(robot_cell - math.ceil(reach), 0)
@@ -161,14 +168,14 @@ class Replanner:
             slice(a, max(b, 0)) for a, b in zip(low, robot_cell + math.ceil(reach), strict=True)
         )
         density = self.density[window].copy()
-        if not _are_inside((robot_cell - low)[None], density.shape).all():
+        if not _are_inside_grid((robot_cell - low)[None], density.shape).all():
             return None
         # Walls are seen from the true pose, and put where the believed one has them.
         wall_poses = apply_motions(
-            believed, compute_motions(truth, self._find_seen_walls(truth, world))
+            believed_pose, compute_motions(true_pose, self._find_seen_walls(true_pose, world))
         )
         walls = np.floor(wall_poses[:, 1::-1] / resolution).astype(int) - low
-        walls = walls[_are_inside(walls, density.shape)]
+        walls = walls[_are_inside_grid(walls, density.shape)]
         self._raise_density(walls, density)
         # A robot that stands too near to a wall may leave, at a price.
         leave = int(LEAVE_DISTANCE / resolution)
@@ -214,7 +221,7 @@ class Replanner:
 def _compute_cost_to_end(way: Floats, along: Floats, points: Ints, density: Floats) -> Floats:
     """Cost of the rest of a way from each of its points; a metre costs 1 outside of the density."""
     price = np.ones(len(way))
-    inside = _are_inside(points, density.shape)
+    inside = _are_inside_grid(points, density.shape)
     price[inside] = np.minimum(density[tuple(points[inside].T)], LEAVE_COST)
     steps = np.diff(along) * (price[1:] + price[:-1]) / 2
     return np.append(np.cumsum(steps[::-1])[::-1], 0.0)
@@ -236,7 +243,7 @@ def poses_from_positions(xy: Floats) -> Poses:
     return np.column_stack([xy, np.zeros(len(xy))])
 
 
-def _are_inside(cells: NDArray[Any], shape: tuple[int, ...]) -> Bools:
+def _are_inside_grid(cells: NDArray[Any], shape: tuple[int, ...]) -> Bools:
     return np.asarray(((cells >= 0) & (cells < shape)).all(axis=1))
 
 
@@ -256,9 +263,9 @@ class ClosedLoop:
     perfect: bool
 
     @cached_property
-    def stage(self) -> Stage:
+    def stage(self) -> WorldRegion:
         """The whole map, for a lost robot may drive anywhere."""
-        return self.simulator.make_stage()
+        return self.simulator.make_world_region()
 
     @property
     def grid(self) -> OccupancyGrid:
@@ -275,11 +282,11 @@ class ClosedLoop:
     @cached_property
     def body(self) -> Any:
         """The robot's outline and motion as the follower takes them."""
-        from locplan.simulation.kernels.bodies import Body
+        from locplan.simulation.kernels.bodies import RobotBody
 
         robot, kinematics = self.simulator.robot, self.simulator.robot.kinematics
         sideways = kinematics.drive == "omnidirectional"
-        return Body(
+        return RobotBody(
             discs=_discs_from_outline(robot),
             omnidirectional=sideways,
             speed=kinematics.speed,
@@ -301,12 +308,12 @@ class ClosedLoop:
 
     def make_world(self, route: int, number: int) -> Any:
         """Return the world of a drive of a route, by the key of `driver.compute_route_key`."""
-        from locplan.simulation.kernels.bodies import Surroundings
+        from locplan.simulation.kernels.bodies import DriveWorld
 
         # Nobody knows what stands in unknown cells: they are no walls, as in the lidar's world.
-        return Surroundings(self.stage.make_world(route, number), self.grid.resolution)
+        return DriveWorld(self.stage.make_world(route, number), self.grid.resolution)
 
-    def drive(self, name: str, world: Any, route: int, number: int) -> Arrival:
+    def drive(self, name: str, world: Any, route: int, number: int) -> ClosedLoopDrive:
         """Drive once along a path; a drive that fails is repeated with perfect localization."""
         arrival = self._drive_once(name, world, (route, number), perfect=self.perfect)
         if arrival.outcome == ARRIVED:
@@ -316,33 +323,37 @@ class ClosedLoop:
             control = self._drive_once(name, world, (route, number), perfect=True)
         if control.outcome == ARRIVED:
             return arrival
-        return replace(arrival, fault=FOLLOWER_FAULT if self._has_way(name, world) else WORLD_FAULT)
+        return replace(
+            arrival, fault=FOLLOWER_FAULT if self._is_goal_reachable(name, world) else WORLD_FAULT
+        )
 
-    def _has_way(self, name: str, world: Any) -> bool:
+    def _is_goal_reachable(self, path_name: str, world: Any) -> bool:
         """Whether a disc within the outline fits through a world from the start to the goal; for a
         car-like robot whether the outline does along the path."""
         if self._is_car:
-            return self._is_clear(self.paths[name], world)
+            return self._is_path_clear(self.paths[path_name], world)
         cells = np.where(world.squares[0, 1:-1, 1:-1], FREE, OCCUPIED).astype(np.uint8)
         robot, resolution = self.simulator.robot, world.resolution
         radius = robot.outline.inscribed_radius if robot.outline else robot.footprint
         # A wide way shows on the map's own cells, in a hundredth of the time.
-        if self._joins_ends(name, cells, resolution, radius + resolution):
+        if self._are_ends_connected(path_name, cells, resolution, radius + resolution):
             return True
         # Cells of 2 cm at most: on coarse ones a gap would seem narrower than it is.
         finer = math.ceil(resolution / 0.02)
         cells, resolution = cells.repeat(finer, 0).repeat(finer, 1), resolution / finer
         clearance = max(radius - resolution / 2, resolution / 2)
-        return self._joins_ends(name, cells, resolution, clearance)
+        return self._are_ends_connected(path_name, cells, resolution, clearance)
 
-    def _joins_ends(self, name: str, cells: Octets, resolution: float, clearance: float) -> bool:
+    def _are_ends_connected(
+        self, path_name: str, cells: Octets, resolution: float, clearance: float
+    ) -> bool:
         """Whether cells with a clearance join the start and the goal of a path."""
         from scipy.ndimage import label
 
         rooms, _ = label(OccupancyGrid(cells, resolution).clearance >= clearance)
-        ends = world_to_map_frame(self.grid, poses_from_positions(self.paths[name].xy[[0, -1]]))[
-            :, 1::-1
-        ]
+        ends = world_to_map_frame(
+            self.grid, poses_from_positions(self.paths[path_name].xy[[0, -1]])
+        )[:, 1::-1]
         reach = self.body.tolerance
         low, high = (
             np.maximum(np.ceil((ends + offset) / resolution), 0).astype(int)
@@ -351,7 +362,7 @@ class ClosedLoop:
         near = [rooms[a:b, c:d] for (a, c), (b, d) in zip(low, high, strict=True)]
         return bool(np.intersect1d(*near).any())
 
-    def _is_clear(self, path: Path, world: Any) -> bool:
+    def _is_path_clear(self, path: Path, world: Any) -> bool:
         """Whether the outline keeps the follower's distance from a world's walls along a path."""
         from locplan.simulation.kernels.bodies import measure_margin
         from locplan.simulation.kernels.pursuit import MARGIN
@@ -361,13 +372,13 @@ class ClosedLoop:
         return all(measure_margin(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
 
     def _drive_once(
-        self, name: str, world: Any, drive: tuple[int, int], *, perfect: bool
-    ) -> Arrival:
+        self, path_name: str, world: Any, drive_key: tuple[int, int], *, perfect: bool
+    ) -> ClosedLoopDrive:
         from locplan.simulation.kernels import follower, pursuit
 
-        random = make_generator(self.simulator.seed, CLOSED_LOOP_STREAM, *drive)
-        way, first = self._make_way(name)
-        length = self.paths[name].length
+        random = make_generator(self.simulator.seed, CLOSED_LOOP_STREAM, *drive_key)
+        way, first = self._make_follower_way(path_name)
+        length = self.paths[path_name].length
         ticks = (TIME_LIMITS[0] + TIME_LIMITS[1] * length / self.body.speed) / pursuit.TICK
         trace = self._make_trace(random, first, round(ticks))
         follow = self._make_follower(random, world, trace, perfect)
@@ -391,11 +402,13 @@ class ClosedLoop:
             apply_motions(origin, track[:n]) for track in (trace.truth, trace.believed)
         )
         standstills = int(trace.counts[pursuit.STANDSTILLS])
-        return Arrival.from_drive(outcome, truth, believed, self.paths[name], standstills)
+        return ClosedLoopDrive.from_drive(
+            outcome, truth, believed, self.paths[path_name], standstills
+        )
 
-    def _make_way(self, name: str) -> tuple[Floats, Floats]:
+    def _make_follower_way(self, path_name: str) -> tuple[Floats, Floats]:
         """Return a path as the follower takes it, with headings for a car, and its first pose."""
-        path = self.paths[name].resample(POINT_SPACING, even=True)
+        path = self.paths[path_name].resample(POINT_SPACING, even=True)
         poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
         if self._is_car:
             return add_gears(poses), poses[0]
@@ -403,16 +416,16 @@ class ClosedLoop:
         ahead = way[min(len(way) - 1, 6)] - way[0]
         return way, np.array([*way[0, :2], math.atan2(ahead[1], ahead[0])])
 
-    def _make_trace(self, random: np.random.Generator, first: Any, ticks: int) -> Any:
+    def _make_trace(self, random: np.random.Generator, first_pose: Any, n_ticks: int) -> Any:
         """An empty trace, with this drive's biases of odometry."""
-        from locplan.simulation.kernels.pursuit import DriveState
+        from locplan.simulation.kernels.pursuit import DriveTrace
 
         odometry = self.simulator.arguments.odometry
         deviations = [odometry.distance_bias, odometry.heading_bias, odometry.turn_bias]
         biases = np.array([1.0, 0.0, 1.0]) + deviations * random.standard_normal(3)
-        truth, believed, reported = np.zeros((3, ticks, 3))
-        truth[0] = first
-        return DriveState(truth, believed, reported, np.zeros(3), biases, np.zeros(8, np.int64))
+        truth, believed, reported = np.zeros((3, n_ticks, 3))
+        truth[0] = first_pose
+        return DriveTrace(truth, believed, reported, np.zeros(3), biases, np.zeros(8, np.int64))
 
     def _make_follower(self, random: Any, world: Any, trace: Any, perfect: bool) -> Any:
         """A function that follows a way until a plan is needed, or the drive has ended."""

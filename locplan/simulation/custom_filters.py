@@ -39,17 +39,19 @@ def track_drive(
 
 
 def start_tracker(
-    random: np.random.Generator, custom_filter: CustomFilter, first: Any, start: Any
+    random: np.random.Generator, custom_filter: CustomFilter, first_pose: Any, start_deviations: Any
 ) -> Tracker:
     """Start a filter near a pose (3,) in its map's axes, with separate random numbers."""
     filter_random = random.spawn(1)[0]
-    deviation = np.array([start.position, start.position, start.heading])
-    x, y, heading = first + deviation * random.standard_normal(3)
+    deviation = np.array(
+        [start_deviations.position, start_deviations.position, start_deviations.heading]
+    )
+    x, y, heading = first_pose + deviation * random.standard_normal(3)
     at = custom_filter.grid.grid_to_world(
         y / custom_filter.grid.resolution, x / custom_filter.grid.resolution
     )
     pose = np.array([*at, heading + custom_filter.grid.origin[2]])
-    deviations = start.position, start.heading
+    deviations = start_deviations.position, start_deviations.heading
     return custom_filter.settings.start(
         custom_filter.grid, custom_filter.lidar, pose, deviations, filter_random
     )
@@ -64,10 +66,10 @@ def measure_ranges(
     disturbances: Any,
 ) -> Singles:
     """A measured scan at a pose (row, col, heading) of a world, inf without a return [m]."""
-    from locplan._support.kernels.lidar import measure_ends
+    from locplan._support.kernels.lidar import simulate_measured_ends
 
     ends = np.empty((lidar.angles.size, 2))
-    measure_ends(random, squares, resolution, pose, lidar, disturbances, ends)
+    simulate_measured_ends(random, squares, resolution, pose, lidar, disturbances, ends)
     rays = resolution * ends - (lidar.forward, lidar.left)
     ranges = np.nan_to_num(np.hypot(*rays.T), nan=np.inf)
     return np.asarray(ranges, np.float32)
@@ -119,11 +121,11 @@ class CustomFilterLoop:
                 return decision
             apply_command(self.random, surroundings, body, arguments.odometry, trace)
 
-    def _estimate_pose(self, n: int, surroundings: Any) -> tuple[float, ...]:
-        x, y, heading = self.trace.truth[n]
+    def _estimate_pose(self, tick: int, surroundings: Any) -> tuple[float, ...]:
+        x, y, heading = self.trace.truth[tick]
         resolution, arguments = surroundings.resolution, self.arguments
         cell = np.array([y / resolution, x / resolution, heading])
         sensor = arguments.lidar, arguments.disturbances
         scan = measure_ranges(self.sensing, surroundings.squares, resolution, cell, *sensor)
-        pose = update_tracker(self.tracker, arguments.filter, self.trace.reported[n], scan)
+        pose = update_tracker(self.tracker, arguments.filter, self.trace.reported[tick], scan)
         return tuple(pose.tolist())

@@ -22,7 +22,7 @@ from locplan.planning.path import Path
 from locplan.simulation.arrivals import Arrivals
 from locplan.simulation.closed_loop import ClosedLoop
 from locplan.simulation.drives import Drives
-from locplan.simulation.levels import NO_FAULT, Level, select_paths
+from locplan.simulation.levels import NO_FAULT, Level, select_affected_paths
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.worlds import add_way_back, make_path_poses, rotate_errors
 
@@ -101,7 +101,7 @@ def drive_open(
     poses = {
         name: make_path_poses(path, simulator.grid, f"path {name}") for name, path in paths.items()
     }
-    paths = select_paths(level, paths, simulator.grid)
+    paths = select_affected_paths(level, paths, simulator.grid)
     poses = {name: add_way_back(poses[name]) if level.leads_back else poses[name] for name in paths}
     size = len(numbers) * sum(path_poses.size for path_poses in poses.values()) * N_POSE_ARRAYS * 8
     check_memory(f"{len(numbers)} drives of {len(paths)} paths", size, "drive fewer")
@@ -109,11 +109,11 @@ def drive_open(
         name: np.empty((len(numbers), *path_poses.shape)) for name, path_poses in poses.items()
     }
     setups = {
-        name: simulator.make_line_setups(path, poses[name], level) for name, path in paths.items()
+        name: simulator.make_level_setups(path, poses[name], level) for name, path in paths.items()
     }
     routes = _group_by_route(paths, route)
     stages = {
-        key: simulator.make_stage([line for name in names for line, _ in setups[name]])
+        key: simulator.make_world_region([line for name in names for line, _ in setups[name]])
         for key, names in routes.items()
     }
     # A task makes a world for its paths: they are split where tasks are fewer than threads.

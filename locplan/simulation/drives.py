@@ -20,7 +20,7 @@ from locplan._support.intervals import (
 )
 from locplan._support.kernels.arrays import Bools, Floats, Singles
 from locplan._support.poses import Poses, compute_travel_distances
-from locplan._support.records import POSE, Column, Table
+from locplan._support.records import POSE, Table, TableColumn
 from locplan.maps.grid import OccupancyGrid
 from locplan.robots.amcl import Amcl, Filter
 from locplan.robots.lidar import Lidar
@@ -44,34 +44,34 @@ MIN_MEAN_SQUARE = 1e-6
 
 def make_rate_column(
     name: str, title: str, value: Callable[[Any], Interval] | None = None
-) -> Column:
+) -> TableColumn:
     """Column of a share of drives with its interval."""
-    return Column(name, "", title, 0, "%", interval=True, value=value)
+    return TableColumn(name, "", title, 0, "%", interval=True, value=value)
 
 
-RATE_COLUMNS: tuple[Column, ...] = (
+RATE_COLUMNS: tuple[TableColumn, ...] = (
     make_rate_column("lost_rate", f"lost ({LOST_SHORT_TEXT})"),
     make_rate_column("off_at_end_rate", f"off at the end (> {LOST_DISTANCE:g} m)"),
 )
 """Columns of shares of the drives that go wrong, with 95 % intervals."""
 DRIVE_COLUMNS = (
-    Column("drives", value=lambda drives: len(drives.errors)),
-    Column("length", "m", "length"),
-    Column("typical_rmse", "m", "error of a typical drive", interval=True),
-    Column("median_error", "m", "median error", interval=True),
+    TableColumn("drives", value=lambda drives: len(drives.errors)),
+    TableColumn("length", "m", "length"),
+    TableColumn("typical_rmse", "m", "error of a typical drive", interval=True),
+    TableColumn("median_error", "m", "median error", interval=True),
     *RATE_COLUMNS,
-    Column("kept_rmse", "m", "RMSE of those never lost", interval=True),
-    Column("rmse", "m", "RMSE of all", interval=True),
-    Column("final_rmse", "m", "RMSE at the end", interval=True),
-    Column("heading_rmse", "rad", "heading RMSE", 1, "deg", interval=True),
+    TableColumn("kept_rmse", "m", "RMSE of those never lost", interval=True),
+    TableColumn("rmse", "m", "RMSE of all", interval=True),
+    TableColumn("final_rmse", "m", "RMSE at the end", interval=True),
+    TableColumn("heading_rmse", "rad", "heading RMSE", 1, "deg", interval=True),
 )
 """Columns of `Drives`: their length and errors, with 95 % intervals over the drives."""
 PROFILE_COLUMNS = (
-    Column("distance", "m"),
+    TableColumn("distance", "m"),
     *POSE,
-    *(Column(f"error_{statistic}", "m") for statistic in ("mean", "median")),
-    *(Column(f"error_percentile_{statistic}", "m") for statistic in (10, 90)),
-    Column("heading_error_rms", "rad"),
+    *(TableColumn(f"error_{statistic}", "m") for statistic in ("mean", "median")),
+    *(TableColumn(f"error_percentile_{statistic}", "m") for statistic in (10, 90)),
+    TableColumn("heading_error_rms", "rad"),
 )
 """Columns of `Drives.profile`."""
 
@@ -238,7 +238,7 @@ def tabulate_profiles(drives: Mapping[str, Drives]) -> Table:
         for name, path_drives in drives.items()
         for row in path_drives.profile().tolist()
     )
-    return Table((Column("path"), *PROFILE_COLUMNS), tuple(rows))
+    return Table((TableColumn("path"), *PROFILE_COLUMNS), tuple(rows))
 
 
 def compute_rmse_ratio(drives: Drives, baseline: Drives) -> Interval:
@@ -265,7 +265,7 @@ def compute_rmse_ratios(drives: Mapping[str, Drives]) -> dict[str, Interval]:
     return {name: compute_rmse_ratio(drives[name], drives[first]) for name in rest}
 
 
-class DriveLine(NamedTuple):
+class DrivePoses(NamedTuple):
     """The poses that a drive leads through."""
 
     truth: Poses

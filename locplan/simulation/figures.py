@@ -18,7 +18,7 @@ from locplan._support.drawing import (
     PATH_STYLES,
     RECOMMENDED,
     LineStyle,
-    Picture,
+    NotebookFigure,
     break_title,
     label_with_plain_numbers,
     make_logarithmic,
@@ -30,10 +30,10 @@ from locplan.planning.figures import (
     draw_coloured_line,
     draw_degeneracy,
     draw_degeneracy_profiles,
-    draw_ends,
     draw_inset,
     draw_path,
     draw_path_colour_bar,
+    draw_start_and_goal,
     list_end_handles,
     make_path_norm,
 )
@@ -71,7 +71,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     paths = list(simulation.paths.values())
     part = zoom_map(grid, paths)
     width, height = compute_figure_size(part)
-    figure = Picture(figsize=(width, height + 2.8), layout="constrained")
+    figure = NotebookFigure(figsize=(width, height + 2.8), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, part)
     draw_inset(upper, grid, part, paths)
@@ -104,13 +104,13 @@ def simulation_figure(simulation: Simulation) -> Figure:
         label = "\n".join(break_title(text, width - 1))
         handle = Line2D([], [], color=colour, linestyle=style.linestyle, linewidth=2, label=label)
         handles.append(handle)
-        draw_ends(upper, xy[0], xy[-1])
+        draw_start_and_goal(upper, xy[0], xy[-1])
     draw_path_colour_bar(figure, coloured, upper)
     lower.axhline(LOST_DISTANCE, color="0.6", linewidth=0.8, zorder=0)
     lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
     make_logarithmic(lower.yaxis)
     lower.margins(x=0.01)
-    marks = make_place_handles((simulation.arrivals or {}).values())
+    marks = make_place_legend_handles((simulation.arrivals or {}).values())
     figure.key([*handles, *marks, *list_end_handles()])
     count = len(next(iter(simulation.drives.values())).errors)
     upper.set_title(
@@ -149,7 +149,7 @@ def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
             axes.plot(*np.array(xy).T, mark, color=colour, **style)
 
 
-def make_place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
+def make_place_legend_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
     """Return legend entries for the marks in the figure.
 
     Parameters
@@ -180,8 +180,8 @@ def queries_figure(routes: Routes) -> Figure:
     routes : Routes
         Drives along both paths of some queries, as `simulate_queries` returns them.
     """
-    rmse, lost = routes.get_pairs("rmse"), routes.get_pairs("lost")
-    figure = Picture(figsize=(8.5 if lost.any() else 6.6, 4.9), layout="constrained")
+    rmse, lost = routes.get_value_pairs("rmse"), routes.get_value_pairs("lost")
+    figure = NotebookFigure(figsize=(8.5 if lost.any() else 6.6, 4.9), layout="constrained")
     left, *right_axes = figure.subplots(1, 2 if lost.any() else 1, squeeze=False)[0]
     ends = _equalize_axes(left, rmse)
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
@@ -268,7 +268,7 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
         width = max(width, MIN_WIDTH)
     # Height of what is drawn along the paths [inch].
     below = 2.4 if recommendation.candidates else 0.0
-    figure = Picture(figsize=(width, height + below + 0.8), layout="constrained")
+    figure = NotebookFigure(figsize=(width, height + below + 0.8), layout="constrained")
     axes = figure.subplots(
         2 if below else 1, squeeze=False, height_ratios=[height, below][: 1 + bool(below)]
     )
@@ -288,11 +288,13 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
         rank = _rank_candidate(recommendation, candidate)
         draw_places(upper, candidate.arrivals, LINE_COLOURS[rank])
         draw_path(upper, candidate.path, color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank])
-    draw_ends(upper, recommendation.start, recommendation.goal)
+    draw_start_and_goal(upper, recommendation.start, recommendation.goal)
     if recommendation.candidates:
         (_draw_errors if recommendation.judgement else _draw_degeneracy)(axes[1, 0], recommendation)
-    marks = make_place_handles(candidate.arrivals for candidate in recommendation.candidates)
-    figure.key([*_make_handles(recommendation), *marks, *list_end_handles(), *zones], ncols=3)
+    marks = make_place_legend_handles(candidate.arrivals for candidate in recommendation.candidates)
+    figure.key(
+        [*_make_legend_handles(recommendation), *marks, *list_end_handles(), *zones], ncols=3
+    )
     name = recommendation.map["name"] or "map"
     figure.title(
         f"{name}: {recommendation.answer[0]}",
@@ -322,7 +324,7 @@ def _rank_candidate(recommendation: Recommendation, candidate: Candidate) -> int
     )
 
 
-def _make_handles(recommendation: Recommendation) -> list[Line2D]:
+def _make_legend_handles(recommendation: Recommendation) -> list[Line2D]:
     highlighted = dict.fromkeys(
         candidate
         for candidate in (recommendation.recommended_candidate, recommendation.shortest)
@@ -334,7 +336,7 @@ def _make_handles(recommendation: Recommendation) -> list[Line2D]:
         name = f"{candidate.name} path" if candidate is recommendation.shortest else candidate.name
         recommended = "recommended" if recommendation.judgement else "untested"
         role = f"{recommended}: " if candidate is recommendation.recommended_candidate else ""
-        label = f"{role}{name}, {_format_figures(candidate)}"
+        label = f"{role}{name}, {_format_key_figures(candidate)}"
         line = Line2D([], [], color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank], label=label)
         handles.append(line)
     n_remaining = len(recommendation.candidates) - len(handles)
@@ -344,7 +346,7 @@ def _make_handles(recommendation: Recommendation) -> list[Line2D]:
     return handles
 
 
-def _format_figures(candidate: Candidate) -> str:
+def _format_key_figures(candidate: Candidate) -> str:
     """Return length, error and lost drives of a candidate as text."""
     if candidate.driven is None:
         return f"{candidate.path.length:.1f} m, {candidate.metrics.integrated_u:.1f} m degenerate"

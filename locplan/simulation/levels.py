@@ -28,7 +28,7 @@ share of the path, so that a filter that recovers can show it."""
 
 
 @dataclass(frozen=True)
-class Kink:
+class MapKink:
     """A place on a path, and the line across the path that cuts the map in two."""
 
     x: float
@@ -38,7 +38,7 @@ class Kink:
     direction: float
     """Direction of the path, in which the turned part lies [rad]."""
 
-    def is_behind(self, xy: Floats) -> Bools:
+    def are_in_turned_part(self, xy: Floats) -> Bools:
         """Return whether positions (..., 2) in the world lie in the turned part.
 
         Parameters
@@ -73,7 +73,7 @@ class Kink:
         angle : float
             Angle of the kink [rad].
         """
-        behind = self.is_behind(poses[:, :2])
+        behind = self.are_in_turned_part(poses[:, :2])
         kinked = poses.copy()
         kinked[behind, :2] = self.turn_positions(poses[behind, :2], angle)
         kinked[behind, 2] += angle
@@ -94,7 +94,7 @@ class Kink:
         """
         mapped_cells = np.argwhere(grid.cells != UNKNOWN)
         xy = np.column_stack(grid.grid_to_world(*(mapped_cells + 0.5).T))
-        behind = self.is_behind(xy)
+        behind = self.are_in_turned_part(xy)
         rotated_cells = grid.world_to_grid(*self.turn_positions(xy[behind], angle).T)
         still_cells = (mapped_cells[~behind].T + 0.5).reshape(2, -1)
         ends = [
@@ -108,8 +108,10 @@ class Kink:
         at_x, at_y = grid.grid_to_world(rows + first[0], cols + first[1])
         positions = np.column_stack([at_x, at_y])
         before, after = positions, self.turn_positions(positions, -angle)
-        near = np.where(self.is_behind(before), UNKNOWN, _values_at(grid, before))
-        far = np.where(self.is_behind(after), _values_at(grid, after), UNKNOWN)
+        near = np.where(
+            self.are_in_turned_part(before), UNKNOWN, _look_up_cell_values(grid, before)
+        )
+        far = np.where(self.are_in_turned_part(after), _look_up_cell_values(grid, after), UNKNOWN)
         is_free = (near == FREE) | (far == FREE)
         cells = np.where(is_free, FREE, UNKNOWN)
         cells = np.where((near == OCCUPIED) | (far == OCCUPIED), OCCUPIED, cells)
@@ -120,7 +122,7 @@ class Kink:
         )
 
 
-def find_kink(path: Path, grid: OccupancyGrid) -> Kink | None:
+def find_kink(path: Path, grid: OccupancyGrid) -> MapKink | None:
     """Return the place of a kink on a path, or None if there is no suitable one.
 
     It lies in a corridor of at most 4 m, and the path crosses the line of the cut there alone. Of
@@ -145,16 +147,16 @@ def find_kink(path: Path, grid: OccupancyGrid) -> Kink | None:
     dx, dy = (xy[places + around] - xy[places - around]).T
     direction = np.arctan2(dy, dx)
     kinks = [
-        Kink(float(x), float(y), float(angle))
+        MapKink(float(x), float(y), float(angle))
         for (x, y), angle in zip(xy[places], direction, strict=True)
     ]
     is_once = np.array(
         [
-            (kink.is_behind(xy) == (np.arange(len(xy)) > place)).all()
+            (kink.are_in_turned_part(xy) == (np.arange(len(xy)) > place)).all()
             for place, kink in zip(places, kinks, strict=True)
         ]
     )
-    widths, cuts = np.array([_measure_cut(kink, grid) for kink in kinks]).T
+    widths, cuts = np.array([_measure_cut_widths(kink, grid) for kink in kinks]).T
     # The width counts on both sides of the place, too: a door is no corridor.
     has_wide = np.convolve(widths > MAX_CORRIDOR_WIDTH, np.ones(2 * around + 1))[
         around : around + len(widths)
@@ -165,18 +167,18 @@ def find_kink(path: Path, grid: OccupancyGrid) -> Kink | None:
     return kinks[int(np.where(suitable, cuts, np.inf).argmin())]
 
 
-def _measure_cut(kink: Kink, grid: OccupancyGrid) -> tuple[float, float]:
+def _measure_cut_widths(kink: MapKink, grid: OccupancyGrid) -> tuple[float, float]:
     """Return the width of the free space about a place, and the free length of the whole cut."""
     half = math.ceil(math.hypot(*grid.shape))
     steps = grid.resolution * np.arange(-half, half + 1)
     normal = -math.sin(kink.direction), math.cos(kink.direction)
-    free = _values_at(grid, np.array([kink.x, kink.y]) + steps[:, None] * normal) == FREE
+    free = _look_up_cell_values(grid, np.array([kink.x, kink.y]) + steps[:, None] * normal) == FREE
     sides = free[half:], free[half::-1]
     width = sum(len(side) if side.all() else int(side.argmin()) for side in sides)
     return width * grid.resolution, float(free.sum()) * grid.resolution
 
 
-def _values_at(grid: OccupancyGrid, xy: Floats) -> Octets:
+def _look_up_cell_values(grid: OccupancyGrid, xy: Floats) -> Octets:
     """Return the cells at positions (n, 2) in the world; unknown outside the map."""
     rows, cols = (np.floor(at).astype(np.int64) for at in grid.world_to_grid(*xy.T))
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
@@ -290,15 +292,15 @@ class Level:
         distance = compute_travel_distances(poses)
         shares = np.ones(len(poses) - 1)
         if self.missing:
-            shares[self._find_missing(distance, random)] = 1 - self.missing
+            shares[self._find_steps_without_motion(distance, random)] = 1 - self.missing
         if self.is_sign_lost:
-            shares[_moves_back(poses) & _moves_back(odometry)] *= -1
+            shares[_mark_backward_steps(poses) & _mark_backward_steps(odometry)] *= -1
         steps = np.diff(odometry[:, :2], axis=0) * shares[:, None]
         disturbed = odometry.copy()
         disturbed[1:, :2] = odometry[0, :2] + np.cumsum(steps, axis=0)
         return disturbed
 
-    def _find_missing(self, distance: Floats, random: np.random.Generator) -> Bools:
+    def _find_steps_without_motion(self, distance: Floats, random: np.random.Generator) -> Bools:
         """Return the steps at which motion is missing, (n - 1,), for distances (n,)."""
         length = float(distance[-1])
         count = max(1, round(length / self.once_per))
@@ -326,7 +328,12 @@ class Level:
         grid : OccupancyGrid
             The map.
         """
-        if self.is_sign_lost and not self.missing and not self.kink_deg and not _reverses(path):
+        if (
+            self.is_sign_lost
+            and not self.missing
+            and not self.kink_deg
+            and not _is_driven_in_reverse(path)
+        ):
             return False
         return not self.kink_deg or find_kink(path, grid) is not None
 
@@ -361,7 +368,9 @@ LEVELS: tuple[Level, ...] = (NO_FAULT, SLIP, STANDSTILL, REVERSAL, TURNS, KINKED
 """All levels, the usual one first."""
 
 
-def select_paths(level: Level, paths: Mapping[str, Path], grid: OccupancyGrid) -> dict[str, Path]:
+def select_affected_paths(
+    level: Level, paths: Mapping[str, Path], grid: OccupancyGrid
+) -> dict[str, Path]:
     """Return the paths that a level's fault can affect, by name.
 
     Parameters
@@ -401,17 +410,19 @@ def select_levels(
     return tuple(level for level in levels if any(level.can_affect(path, grid) for path in paths))
 
 
-def _moves_back(poses: Poses) -> Bools:
+def _mark_backward_steps(poses: Poses) -> Bools:
     """Return the steps that lead backwards, within 60 deg, (n - 1,), of poses (n, 3)."""
     dx, dy = np.diff(poses[:, :2], axis=0).T
     ahead = dx * np.cos(poses[:-1, 2]) + dy * np.sin(poses[:-1, 2])
     return np.asarray(ahead < -0.5 * np.hypot(dx, dy))
 
 
-def _reverses(path: Path) -> bool:
+def _is_driven_in_reverse(path: Path) -> bool:
     """Return whether a path with headings leads backwards over more than `REVERSES`."""
     if path.heading is None:
         return False
     fine = path.resample(0.05, even=True)
     steps = np.hypot(*np.diff(fine.xy, axis=0).T)
-    return bool(steps[_moves_back(np.column_stack([fine.xy, fine.facing]))].sum() > REVERSES)
+    return bool(
+        steps[_mark_backward_steps(np.column_stack([fine.xy, fine.facing]))].sum() > REVERSES
+    )

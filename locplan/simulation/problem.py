@@ -30,7 +30,7 @@ from locplan.planning.costmap import Costmap
 from locplan.planning.lattice import Lattice
 from locplan.planning.metrics import crosses_no_go, path_metrics
 from locplan.planning.path import Path
-from locplan.planning.path_check import path_faults
+from locplan.planning.path_check import find_path_faults
 from locplan.planning.plans import (
     SHORTEST,
     check_ends,
@@ -140,7 +140,7 @@ class RecommendationSettings(Settings):
             if getattr(self, name) is not None:
                 check_number(name, getattr(self, name), 0.0)
 
-    def find_rival(self, robot_filter: object) -> Amcl | None:
+    def find_rival_settings(self, robot_filter: object) -> Amcl | None:
         """Return the rival of the robot's filter; None without one, for equal settings or no AMCL.
 
         Parameters
@@ -176,7 +176,7 @@ MAX_PLACE_DISTANCE = 0.5
 """Maximum distance of a path's ends and of waypoints from where they should be [m]."""
 
 
-class ComputeField(Protocol):
+class FieldFunction(Protocol):
     """A function that gives the field of a map, or its values at some lattice points."""
 
     def __call__(self, grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField: ...
@@ -200,7 +200,7 @@ class PlanningProblem:
     """The costmap that was given."""
     config: FieldConfig
     """Settings of the field that the costmap is made of otherwise."""
-    compute_field: ComputeField
+    compute_field: FieldFunction
     """Gives that field."""
     zones: Zones = dataclasses.field(default_factory=Zones)
     """The zones; those of the costmap if one was given."""
@@ -272,7 +272,7 @@ class PlanningProblem:
         return problem
 
     def compute_costmap(
-        self, paths_on: Callable[[Costmap], Iterable[Path]]
+        self, plan_paths_on: Callable[[Costmap], Iterable[Path]]
     ) -> tuple[Costmap, CovarianceField | None]:
         """Return the costmap with its field; slow fields are fine near some paths only."""
         if self.user_costmap:
@@ -295,7 +295,7 @@ class PlanningProblem:
             return self.compute_field(self.grid, points)
 
         field, costs = plan_with_adaptive_field(
-            self.grid, self.config, compute_field, make_costmap, paths_on
+            self.grid, self.config, compute_field, make_costmap, plan_paths_on
         )
         return costs, field
 
@@ -354,12 +354,15 @@ class PlanningProblem:
         """Which limit a path does not keep; empty if it keeps all."""
         settings = self.settings
         for x, y, *_ in settings.via:
-            if not len(path) or compute_distances(np.array([[x, y]]), path)[0] > MAX_PLACE_DISTANCE:
+            if (
+                not len(path)
+                or compute_distances_to_path(np.array([[x, y]]), path)[0] > MAX_PLACE_DISTANCE
+            ):
                 return f"does not visit {x:g},{y:g}"
         if crosses_no_go(self.zones, self.grid, path):
             return "crosses a no-go zone"
         if self.is_lattice_needed:
-            for fault in path_faults(self.grid, path, self.robot):
+            for fault in find_path_faults(self.grid, path, self.robot):
                 return f"cannot be driven: {fault.kind} near {fault.x:.2f},{fault.y:.2f}"
         if settings.max_e is None and settings.budget is None:
             return ""
@@ -371,7 +374,7 @@ class PlanningProblem:
         return ""
 
 
-def compute_distances(points: Floats, path: Path) -> Floats:
+def compute_distances_to_path(points: Floats, path: Path) -> Floats:
     """Distance of each point to a path, to a few centimetres [m]."""
     from scipy.spatial import cKDTree
 

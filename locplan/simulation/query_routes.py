@@ -22,7 +22,7 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.public import DrawableResult
-from locplan._support.records import Column, Result, Table, extract_values
+from locplan._support.records import Result, Table, TableColumn, extract_values
 from locplan._support.tables import format_table, make_file_name, nan_to_none
 from locplan.errors import ConfigError
 from locplan.field.config import equip_robot
@@ -69,20 +69,20 @@ class Route:
     """Summary of each path's drives, and the ratio of their RMSE, fit for JSON."""
 
 
-def _make_column_pair(name: str, unit: str = "") -> tuple[Column, Column]:
+def _make_column_pair(name: str, unit: str = "") -> tuple[TableColumn, TableColumn]:
     """Columns of a pair of values, of the shortest and of the aware path."""
     return (
-        Column(f"{name}_shortest", unit, value=lambda route: getattr(route, name)[0]),
-        Column(f"{name}_aware", unit, value=lambda route: getattr(route, name)[1]),
+        TableColumn(f"{name}_shortest", unit, value=lambda route: getattr(route, name)[0]),
+        TableColumn(f"{name}_aware", unit, value=lambda route: getattr(route, name)[1]),
     )
 
 
 COLUMNS = (
-    Column("query", value=lambda route: route.query.name),
-    Column("start_x", "m", value=lambda route: route.query.start[0]),
-    Column("start_y", "m", value=lambda route: route.query.start[1]),
-    Column("goal_x", "m", value=lambda route: route.query.goal[0]),
-    Column("goal_y", "m", value=lambda route: route.query.goal[1]),
+    TableColumn("query", value=lambda route: route.query.name),
+    TableColumn("start_x", "m", value=lambda route: route.query.start[0]),
+    TableColumn("start_y", "m", value=lambda route: route.query.start[1]),
+    TableColumn("goal_x", "m", value=lambda route: route.query.goal[0]),
+    TableColumn("goal_y", "m", value=lambda route: route.query.goal[1]),
     *_make_column_pair("length", "m"),
     *_make_column_pair("median_error", "m"),
     *_make_column_pair("lost"),
@@ -110,12 +110,12 @@ class Routes(DrawableResult):
     @property
     def length_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's length: geometric mean over the queries."""
-        return estimate_geometric_mean(np.divide(*self.get_pairs("length").T[::-1]))
+        return estimate_geometric_mean(np.divide(*self.get_value_pairs("length").T[::-1]))
 
     @property
     def rmse_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's position RMSE: geometric mean."""
-        return estimate_geometric_mean(np.divide(*self.get_pairs("rmse").T[::-1]))
+        return estimate_geometric_mean(np.divide(*self.get_value_pairs("rmse").T[::-1]))
 
     @property
     def median_error(self) -> tuple[float, float]:
@@ -138,17 +138,17 @@ class Routes(DrawableResult):
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives along the shortest and the aware paths: means over the queries."""
-        return _pair_from_array(self.get_pairs("lost").mean(axis=0))
+        return _pair_from_array(self.get_value_pairs("lost").mean(axis=0))
 
     @property
     def off_at_end(self) -> tuple[float, float]:
         """Share of drives off at the end along both kinds: means."""
-        return _pair_from_array(self.get_pairs("off_at_end").mean(axis=0))
+        return _pair_from_array(self.get_value_pairs("off_at_end").mean(axis=0))
 
     @property
     def lost_difference(self) -> Interval:
         """Difference in the share of lost drives, aware minus shortest: mean over the queries."""
-        return estimate_mean(np.diff(self.get_pairs("lost"))[:, 0])
+        return estimate_mean(np.diff(self.get_value_pairs("lost"))[:, 0])
 
     @property
     def verdict(self) -> str:
@@ -160,19 +160,19 @@ class Routes(DrawableResult):
             return "helps"
         return "harms" if ratio.low > 1 else "unclear"
 
-    def get_pairs(self, name: str) -> Floats:
+    def get_value_pairs(self, measure: str) -> Floats:
         """Values of the shortest and of the aware path of each query, (n, 2).
 
         Parameters
         ----------
-        name : str
+        measure : str
             Name of the value in `Route`.
         """
-        return np.array([getattr(route, name) for route in self.routes])
+        return np.array([getattr(route, measure) for route in self.routes])
 
     def _compute_means(self, name: str) -> tuple[float, float]:
         """Geometric means over the queries of which both values are known; NaN without one."""
-        pairs = self.get_pairs(name)
+        pairs = self.get_value_pairs(name)
         finite_pairs = pairs[~np.isnan(pairs).any(axis=1)]
         if not len(finite_pairs):
             return math.nan, math.nan
@@ -218,7 +218,7 @@ class RoutesOnMaps(Result):
             for map_routes in self.maps
             for row in map_routes.table().rows
         )
-        return Table((Column("map"), *COLUMNS), tuple(rows))
+        return Table((TableColumn("map"), *COLUMNS), tuple(rows))
 
     @staticmethod
     def pictures(maps: Sequence[str]) -> list[str]:

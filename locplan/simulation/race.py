@@ -20,7 +20,7 @@ from locplan._support.intervals import (
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.poses import Poses
 from locplan._support.progress import ProgressCallback
-from locplan._support.records import Column
+from locplan._support.records import TableColumn
 from locplan._support.saved import EqualByValue
 from locplan.planning.metrics import METRICS, PathMetrics
 from locplan.planning.path import Path
@@ -155,7 +155,7 @@ def run_race(
     is_time_up : callable, optional
         Whether time is up, asked before each look but the first.
     """
-    finalists, lost = race_paths(drive, handicaps, loss_penalty)
+    finalists, lost = select_finalists(drive, handicaps, loss_penalty)
     if not finalists:
         no_ratio, reported_numbers = Interval(math.nan, math.nan, math.nan), range(ROUNDS[-1])
         drive([0], reported_numbers)  # the race's drives are not those that other commands report
@@ -163,7 +163,7 @@ def run_race(
     return confirm_finalists(drive, finalists, lost, n_drives, handicaps, is_time_up)
 
 
-def race_paths(
+def select_finalists(
     drive: DriveCandidates, handicaps: Floats, loss_penalty: float
 ) -> tuple[list[int], Ints]:
     """The paths that may be best and lead the shortest, and how many drives each path lost."""
@@ -171,21 +171,21 @@ def race_paths(
     def score(paths: list[int], path_scores: DriveScores) -> Floats:
         return path_scores.log_error + loss_penalty * path_scores.lost + handicaps[paths][:, None]
 
-    def find_remaining(paths: list[int], round_scores: DriveScores) -> list[int]:
+    def find_remaining_paths(paths: list[int], round_scores: DriveScores) -> list[int]:
         return [paths[n] for n in _find_contenders(score(paths, round_scores))]
 
     n_first, n_all = ROUNDS
     all_paths = [*range(len(handicaps))]
     numbers = range(FIRST_CHOOSING_DRIVE, FIRST_CHOOSING_DRIVE + n_all)
     raced_scores = drive(all_paths, numbers[:n_first])
-    remaining = sorted({0, *find_remaining(all_paths, raced_scores)[:MAX_RACING]})
+    remaining = sorted({0, *find_remaining_paths(all_paths, raced_scores)[:MAX_RACING]})
     raced_scores = raced_scores.select(remaining).join(drive(remaining, numbers[n_first:]))
     lost = np.zeros(len(all_paths), np.int64)
     lost[remaining] = raced_scores.lost.sum(axis=1)
     scores = dict(zip(remaining, score(remaining, raced_scores).mean(axis=1), strict=True))
     leading = [
         path
-        for path in find_remaining(remaining, raced_scores)
+        for path in find_remaining_paths(remaining, raced_scores)
         if scores[path] <= scores[0] + REQUIRED_LEAD
     ]
     return leading[:MAX_FINALISTS], lost
@@ -209,7 +209,7 @@ def _find_contenders(scores: Floats) -> list[int]:
 def confirm_finalists(
     drive: DriveCandidates,
     finalists: list[int],
-    lost: Ints,
+    lost_counts: Ints,
     n_drives: int,
     handicaps: Floats,
     is_time_up: Callable[[], bool] | None = None,
@@ -230,7 +230,7 @@ def confirm_finalists(
             looks_left=len(looks),
             n_alternatives=len(finalists),
         )
-        all_lost = lost[paths] + drive_scores.lost.sum(axis=1)
+        all_lost = lost_counts[paths] + drive_scores.lost.sum(axis=1)
         losing = all_lost[1:] > all_lost[0]
         safe = ~losing & (interim.mean <= WORTHWHILE_LOG_RATIO)
         clear = safe & interim.is_better
@@ -380,29 +380,29 @@ class Candidate(EqualByValue):
 NO_INTERVAL = Interval(math.nan, math.nan, math.nan)
 
 
-def _make_metric_column(name: str, title: str | None = None, digits: int = 2) -> Column:
+def _make_metric_column(name: str, title: str | None = None, digits: int = 2) -> TableColumn:
     unit = next(column.unit for column in METRICS if column.name == name)
-    return Column(
+    return TableColumn(
         name, unit, title, digits, value=lambda candidate: getattr(candidate.metrics, name)
     )
 
 
 def _make_drive_column(
     name: str, unit: str, title: str, digits: int = 2, people: str = ""
-) -> Column:
+) -> TableColumn:
     def value(candidate: Candidate) -> Any:
         return getattr(candidate.driven, name)
 
-    return Column(name, unit, title, digits, people, interval=True, value=value)
+    return TableColumn(name, unit, title, digits, people, interval=True, value=value)
 
 
-def _make_rate_column(column: Column) -> Column:
+def _adapt_rate_column(column: TableColumn) -> TableColumn:
     return dataclasses.replace(
         column, value=lambda candidate: getattr(candidate.driven, column.name)
     )
 
 
-def _make_arrival_column(column: Column) -> Column:
+def _adapt_arrival_column(column: TableColumn) -> TableColumn:
     def value(candidate: Candidate) -> Any:
         missing = NO_INTERVAL if column.interval else math.nan
         return column.extract_value(candidate.arrivals) if candidate.arrivals else missing
@@ -410,37 +410,37 @@ def _make_arrival_column(column: Column) -> Column:
     return dataclasses.replace(column, title=None, value=value)
 
 
-_NAME_COLUMNS = (Column("name", title="path"), _make_metric_column("length", "length", 1))
+_NAME_COLUMNS = (TableColumn("name", title="path"), _make_metric_column("length", "length", 1))
 _OTHER_METRICS = tuple(
     _make_metric_column(column.name)
     for column in METRICS
     if column.name not in ("length", "cost", "integrated_u", "integrated_e")
 )
-PLAN_COLUMNS: tuple[Column, ...] = (
+PLAN_COLUMNS: tuple[TableColumn, ...] = (
     *_NAME_COLUMNS,
     _make_metric_column("cost"),
     _make_metric_column("integrated_u", "degenerate", 1),
     _make_metric_column("integrated_e", "∫e ds", 3),
     *_OTHER_METRICS,
-    Column(
+    TableColumn(
         "position_std", "m", "mean std", 1, "cm", value=lambda candidate: candidate.deviation[0]
     ),
-    Column(
+    TableColumn(
         "max_position_std", "m", "max std", 1, "cm", value=lambda candidate: candidate.deviation[1]
     ),
 )
 """Columns of candidates that were not driven."""
-CANDIDATE_COLUMNS: tuple[Column, ...] = (
+CANDIDATE_COLUMNS: tuple[TableColumn, ...] = (
     *_NAME_COLUMNS,
     _make_drive_column("error", "m", "error"),
     _make_drive_column("ratio", "", "ratio"),
-    *map(_make_rate_column, RATE_COLUMNS),
-    Column("drives", value=lambda candidate: len(candidate.driven.numbers)),
+    *map(_adapt_rate_column, RATE_COLUMNS),
+    TableColumn("drives", value=lambda candidate: len(candidate.driven.numbers)),
     _make_metric_column("cost"),
     _make_metric_column("integrated_u"),
     _make_metric_column("integrated_e"),
     *_OTHER_METRICS,
-    *map(_make_arrival_column, ARRIVAL_COLUMNS),
+    *map(_adapt_arrival_column, ARRIVAL_COLUMNS),
 )
 """Columns of candidates that were driven."""
 
@@ -499,18 +499,22 @@ class CandidateRunner:
             np.array([self._get_drives(path, numbers).lost for path in paths]),
         )
 
-    def summarize_drives(self, path: int, race_result: RaceResult) -> DriveStatistics:
+    def summarize_drives(self, path_number: int, race_result: RaceResult) -> DriveStatistics:
         """Return a candidate's statistics over the drives from 0 on, or over the race."""
         numbers = range(FIRST_CHOOSING_DRIVE, FIRST_CHOOSING_DRIVE + ROUNDS[-1])
-        if leads := path in (0, race_result.leader):
+        if leads := path_number in (0, race_result.leader):
             numbers = race_result.drives
-        numbers = numbers[: sum(number in self._errors[path] for number in numbers)]
+        numbers = numbers[: sum(number in self._errors[path_number] for number in numbers)]
         ratio = NO_INTERVAL
-        if path:
-            log_ratios = self._get_log_errors(path, numbers) - self._get_log_errors(0, numbers)
+        if path_number:
+            log_ratios = self._get_log_errors(path_number, numbers) - self._get_log_errors(
+                0, numbers
+            )
             ratio = race_result.ratio if leads else estimate_geometric_mean(np.exp(log_ratios))
-        errors = self._get_log_errors(path, numbers)
-        return DriveStatistics.from_drives(self._get_drives(path, numbers), numbers, errors, ratio)
+        errors = self._get_log_errors(path_number, numbers)
+        return DriveStatistics.from_drives(
+            self._get_drives(path_number, numbers), numbers, errors, ratio
+        )
 
     def drive_closed_loop(self, race_result: RaceResult) -> dict[int, Arrivals]:
         """Closed-loop drives of the path to take and of the shortest, which may be one."""
@@ -527,9 +531,9 @@ class CandidateRunner:
         self._n_done += len(path_numbers) * len(self._closed_loop_numbers)
         return dict(zip(path_numbers, arrivals_by_name.values(), strict=True))
 
-    def drive_rival(self, race_result: RaceResult) -> DriveStatistics | None:
+    def drive_with_rival_filter(self, race_result: RaceResult) -> DriveStatistics | None:
         """Drive the shortest path with the rival's filter, paired with the reported drives."""
-        rival = self._settings.find_rival(self._simulator.robot.filter)
+        rival = self._settings.find_rival_settings(self._simulator.robot.filter)
         if rival is None:
             return None
         numbers = race_result.drives[:RIVAL_DRIVES]
@@ -559,12 +563,12 @@ class CandidateRunner:
         if self._progress:
             self._progress(self._n_done + n_done, self._total)
 
-    def _get_drives(self, path: int, numbers: range) -> Drives:
-        errors = [self._errors[path][number] for number in numbers]
-        return Drives(self._poses[path], np.array(errors))
+    def _get_drives(self, path_number: int, numbers: range) -> Drives:
+        errors = [self._errors[path_number][number] for number in numbers]
+        return Drives(self._poses[path_number], np.array(errors))
 
-    def _get_log_errors(self, path: int, numbers: range) -> Floats:
-        return self._score_drives(self._get_drives(path, numbers))
+    def _get_log_errors(self, path_number: int, numbers: range) -> Floats:
+        return self._score_drives(self._get_drives(path_number, numbers))
 
     def _score_drives(self, drives: Drives) -> Floats:
         return compute_log_errors(

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from locplan._support.intervals import Interval, choose_digits
 from locplan._support.output import ResultFiles
-from locplan._support.records import Column, Result, Table
+from locplan._support.records import Result, Table, TableColumn
 from locplan._support.saved import StoredResult
-from locplan._support.tables import format_aligned, make_file_name, wrap_lines, write_rows
+from locplan._support.tables import format_aligned_table, make_file_name, wrap_lines, write_csv_rows
 from locplan.errors import ConfigError
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
@@ -25,7 +25,11 @@ from locplan.robots.amcl import Amcl, Filter
 from locplan.robots.presets import SAFE, describe_preset
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import FOLLOWER_FAULT, WORLD_FAULT, Arrivals
-from locplan.simulation.candidates import config_from_costs, make_candidate_costmap, rebuild_costmap
+from locplan.simulation.candidates import (
+    field_config_from_cost_summary,
+    make_candidate_costmap,
+    rebuild_costmap,
+)
 from locplan.simulation.drives import LOST_SHORT_TEXT
 from locplan.simulation.problem import SAFE_AMCL, RecommendationSettings
 from locplan.simulation.race import (
@@ -142,7 +146,7 @@ LITTLE = "The gain is less than 2 cm, and the robot never gets lost on the short
 
 
 @dataclass(frozen=True)
-class Decision:
+class PathDecision:
     """The recommended path among the candidates, and its drives; see `Recommendation`."""
 
     candidates: tuple[Candidate, ...]
@@ -180,7 +184,7 @@ class Decision:
         )
 
 
-def format_answer(decision: Decision) -> str:
+def format_answer(decision: PathDecision) -> str:
     """Return which path to take, in one sentence or two."""
     shortest, leader = decision.shortest, decision.leader
     if shortest is None or leader is None:
@@ -188,7 +192,7 @@ def format_answer(decision: Decision) -> str:
     judgement, recommended = decision.judgement, decision.recommended_candidate
     values: dict[str, object] = {
         "name": leader.name,
-        "kind": _describe_kind(leader, shortest),
+        "kind": _describe_candidate_kind(leader, shortest),
         "length": format_length(leader),
         "shortest": format_length(shortest),
         "extra_length": _format_extra_length(leader, shortest),
@@ -199,14 +203,14 @@ def format_answer(decision: Decision) -> str:
         template = UNTESTED_SHORTEST if recommended is shortest else UNTESTED
         return template.format_map(values)
     values["n"] = len(judgement.drives)
-    values["change"] = format_change(judgement.ratio, decision.settings.minimise)
+    values["change"] = format_error_change(judgement.ratio, decision.settings.minimise)
     if leader.driven and shortest.driven:
         values["lost"] = int(leader.driven.lost.sum())
         values["shortest_lost"] = int(shortest.driven.lost.sum())
-    return _choose_template(decision).format_map(values)
+    return _choose_verdict_template(decision).format_map(values)
 
 
-def _choose_template(decision: Decision) -> str:
+def _choose_verdict_template(decision: PathDecision) -> str:
     """Return the template of the verdict on the leader of the race."""
     judgement, settings = decision.judgement, decision.settings
     assert judgement is not None
@@ -232,7 +236,7 @@ def _choose_template(decision: Decision) -> str:
     return templates[verdict]
 
 
-def _describe_kind(candidate: Candidate, shortest: Candidate) -> str:
+def _describe_candidate_kind(candidate: Candidate, shortest: Candidate) -> str:
     """Return the noun for a candidate by its length; paths of users may be shorter."""
     extra = candidate.path.length - shortest.path.length
     if abs(extra) < 0.05:
@@ -253,7 +257,7 @@ def format_length(candidate: Candidate) -> str:
     return f"{candidate.path.length:.1f} m"
 
 
-def format_change(ratio: Interval, minimise: str) -> str:
+def format_error_change(ratio: Interval, minimise: str) -> str:
     """Return the change of an error in words, such as 97 % [96, 99] less localization error.
 
     Parameters
@@ -276,7 +280,7 @@ def format_share(share: Interval) -> str:
     return f"{value:.0f} %" if math.isnan(low) else f"{value:.0f} % [{low:z.0f}, {high:z.0f}]"
 
 
-def format_reached(decision: Decision) -> str:
+def format_reached_goals(decision: PathDecision) -> str:
     """Return how many robots reach the goal in closed-loop drives; empty if none was driven."""
     recommended = decision.recommended_candidate
     reached = recommended.arrivals if recommended else None
@@ -301,19 +305,19 @@ def format_reached(decision: Decision) -> str:
     )
 
 
-def list_advice(decision: Decision) -> list[str]:
+def list_advice(decision: PathDecision) -> list[str]:
     """Return sentences on faults that may matter more than the path, tuning first."""
     return [sentence for sentence in _iterate_advice(decision) if sentence]
 
 
-def _iterate_advice(decision: Decision) -> Iterator[str]:
+def _iterate_advice(decision: PathDecision) -> Iterator[str]:
     recommended, shortest = decision.recommended_candidate, decision.shortest
     if not (recommended and shortest and recommended.driven and shortest.driven):
         return
-    yield format_tune_first(decision)
-    if recommended.driven.lost_rate.value >= MOSTLY_LOST and not format_tune_first(decision):
+    yield format_tuning_advice(decision)
+    if recommended.driven.lost_rate.value >= MOSTLY_LOST and not format_tuning_advice(decision):
         yield f"{STILL_LOST} {RUN_CHECK}"
-        yield format_tuning_fails(decision)
+        yield explain_tuning_failure(decision)
     gain = shortest.driven.error.value - recommended.driven.error.value
     if decision.best and decision.settings.minimise == "rmse" and gain < SMALL_GAIN:
         yield "" if shortest.driven.lost.any() else LITTLE
@@ -327,23 +331,23 @@ def _iterate_advice(decision: Decision) -> Iterator[str]:
         yield template.format(count=faults.count(fault)) if fault in faults else ""
 
 
-def format_tune_first(decision: Decision) -> str:
+def format_tuning_advice(decision: PathDecision) -> str:
     """Return the advice to tune the filter before the path; empty if that gains no more."""
-    verdict, shortest = compare_tuning(decision), decision.shortest
+    verdict, shortest = compare_tuned_settings(decision), decision.shortest
     if verdict is None or shortest is None:
         return ""
     template = (
         TUNE_BEFORE_DETOUR if decision.best and decision.recommended_candidate else TUNE_FIRST
     )
     return template.format(
-        kind=_describe_kind(decision.recommended_candidate or shortest, shortest),
+        kind=_describe_candidate_kind(decision.recommended_candidate or shortest, shortest),
         settings=format_tuned_settings(decision),
         shortest=format_length(shortest),
-        change=format_change(verdict.ratio, decision.settings.minimise),
+        change=format_error_change(verdict.ratio, decision.settings.minimise),
     )
 
 
-def format_tuning_fails(decision: Decision) -> str:
+def explain_tuning_failure(decision: PathDecision) -> str:
     """Return why tuning the filter does not help either; empty if that is not known."""
     rival, shortest = decision.rival, decision.shortest
     if rival is None or shortest is None or rival.lost_rate.value < MOSTLY_LOST:
@@ -355,7 +359,7 @@ def format_tuning_fails(decision: Decision) -> str:
     return f"{sentence} {BLIND.format(share=share)}" if share >= 100 * MOSTLY_LOST else sentence
 
 
-def compare_tuning(decision: Decision) -> Verdict | None:
+def compare_tuned_settings(decision: PathDecision) -> Verdict | None:
     """Return the verdict on tuned settings on the shortest path; None if a path gains as much.
 
     Tuned settings must beat the robot's settings there and on the recommended path. The comparison
@@ -384,7 +388,7 @@ def compare_tuning(decision: Decision) -> Verdict | None:
     return verdicts[0] if is_better and is_worthwhile else None
 
 
-def format_tuned_settings(decision: Decision) -> str:
+def format_tuned_settings(decision: PathDecision) -> str:
     """Return the tuned settings of the filter as text."""
     rival = decision.settings.rival
     if rival not in (None, SAFE_AMCL):
@@ -393,11 +397,11 @@ def format_tuned_settings(decision: Decision) -> str:
     return f"{prefix}safe settings ({describe_preset(SAFE)})"
 
 
-def list_answer(decision: Decision) -> list[str]:
+def list_answer_lines(decision: PathDecision) -> list[str]:
     """Return the whole answer, a line each: what gains most is the first."""
-    answer, reached = format_answer(decision), format_reached(decision)
+    answer, reached = format_answer(decision), format_reached_goals(decision)
     first, *advice = list_advice(decision) or [""]
-    if first and first == format_tune_first(decision):
+    if first and first == format_tuning_advice(decision):
         untuned = UNTUNED.format(answer=f"{answer[:1].lower()}{answer[1:]}")
         lines = [first, untuned, reached, *advice]
     else:
@@ -415,7 +419,7 @@ RACE_NOTE = (
 """Explains the mark of errors that are scaled."""
 
 
-def format_evidence(decision: Decision) -> str:
+def format_candidate_table(decision: PathDecision) -> str:
     """Return the drives of each candidate as a table, the recommended path first; empty without."""
     shortest, recommended = decision.shortest, decision.recommended_candidate
     if shortest is None or recommended is None or shortest.driven is None:
@@ -442,17 +446,17 @@ def format_evidence(decision: Decision) -> str:
         is_shared = statistics.numbers.start == shortest.driven.numbers.start
         error = _format_error(statistics.error, is_angle)
         if not is_shared:
-            error = f"~{_format_error(_scale_error(statistics, shortest.driven), is_angle)}"
+            error = f"~{_format_error(_rescale_error_to_shortest(statistics, shortest.driven), is_angle)}"
         mark = ">" if candidate is recommended and statistics is not decision.rival else " "
         off = [f"{statistics.off_at_end_rate.value:.0%}".replace("%", " %")] * has_off
         cells = [f"{mark} {name}", format_length(candidate), error]
         texts.append(
             (*cells, format_share(statistics.lost_rate), *off, str(len(statistics.numbers)))
         )
-    return format_aligned(heads, texts)
+    return format_aligned_table(heads, texts)
 
 
-def list_notes(decision: Decision) -> list[str]:
+def list_table_notes(decision: PathDecision) -> list[str]:
     """Return the legend of the table's marks."""
     starts = {
         candidate.driven.numbers.start for candidate in decision.candidates if candidate.driven
@@ -464,7 +468,7 @@ def list_notes(decision: Decision) -> list[str]:
     return notes
 
 
-def _scale_error(statistics: DriveStatistics, shortest: DriveStatistics) -> Interval:
+def _rescale_error_to_shortest(statistics: DriveStatistics, shortest: DriveStatistics) -> Interval:
     """Return the error scaled to the shortest path's drives, without an interval."""
     return Interval(statistics.ratio.value * shortest.error.value, math.nan, math.nan)
 
@@ -594,8 +598,8 @@ class Recommendation(Result, StoredResult):
         return self.recommended_candidate.path if self.recommended_candidate else None
 
     @property
-    def _decision(self) -> Decision:
-        return Decision(
+    def _decision(self) -> PathDecision:
+        return PathDecision(
             self.candidates,
             self.best,
             self.judgement,
@@ -619,7 +623,7 @@ class Recommendation(Result, StoredResult):
     @property
     def reached_text(self) -> str:
         """Sentence on the closed-loop drives that reach the goal; empty if none was driven."""
-        return format_reached(self._decision)
+        return format_reached_goals(self._decision)
 
     @property
     def advice(self) -> list[str]:
@@ -629,12 +633,12 @@ class Recommendation(Result, StoredResult):
     @property
     def answer(self) -> list[str]:
         """All sentences of the answer, the largest gain first."""
-        return list_answer(self._decision)
+        return list_answer_lines(self._decision)
 
     @property
     def is_tuning_first(self) -> bool:
         """True if tuned settings of the filter gain more than any path."""
-        return compare_tuning(self._decision) is not None
+        return compare_tuned_settings(self._decision) is not None
 
     @property
     def is_undecided(self) -> bool:
@@ -651,7 +655,7 @@ class Recommendation(Result, StoredResult):
     @property
     def config(self) -> FieldConfig:
         """Settings of the field that the paths were measured on, or would be without one."""
-        return config_from_costs(self.about, self.robot.lidar)
+        return field_config_from_cost_summary(self.about, self.robot.lidar)
 
     def with_field(self, field: CovarianceField) -> Recommendation:
         """Return a loaded recommendation with the costmap of a field, to draw or export it.
@@ -703,7 +707,7 @@ class Recommendation(Result, StoredResult):
                 else column
                 for column in columns
             )
-        marks = Column(
+        marks = TableColumn(
             "chosen",
             title="",
             value=lambda candidate: ">" if candidate is self.recommended_candidate else "",
@@ -721,8 +725,8 @@ class Recommendation(Result, StoredResult):
         if not self.candidates:
             return self.sentence
         evidence = [*wrap_lines([f"{self.drives_text}:"])] if self.judgement else []
-        evidence.append(format_evidence(self._decision) or str(self.table()))
-        notes = list_notes(self._decision)
+        evidence.append(format_candidate_table(self._decision) or str(self.table()))
+        notes = list_table_notes(self._decision)
         notes += [
             f"{candidate.name}: {candidate.note}" for candidate in self.candidates if candidate.note
         ]
@@ -750,7 +754,7 @@ class Recommendation(Result, StoredResult):
             if candidate.driven
             for at in candidate.driven.profile.tolist()
         )
-        write_rows(folder / "errors.csv", columns, rows)
+        write_csv_rows(folder / "errors.csv", columns, rows)
         sampled_candidates = [
             candidate for candidate in self.candidates if len(candidate.history) > 1
         ]

@@ -25,7 +25,7 @@ from locplan._support.checks import (
 from locplan._support.intervals import Interval, estimate_geometric_mean
 from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback
-from locplan._support.records import Column, Table
+from locplan._support.records import Table, TableColumn
 from locplan._support.tables import make_file_name
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.config import equip_robot
@@ -34,7 +34,12 @@ from locplan.field.store import load_or_compute
 from locplan.planning.costmap import Costmap
 from locplan.planning.named_maps import name_maps
 from locplan.planning.plans import check_ends
-from locplan.planning.queries import MIN_DISTANCE, Query, check_random, normalize_queries
+from locplan.planning.queries import (
+    MIN_DISTANCE,
+    Query,
+    check_random_query_options,
+    normalize_queries,
+)
 from locplan.robots.robot import Robot
 from locplan.simulation.drives import LOST_DISTANCE
 from locplan.simulation.problem import RecommendationSettings, normalize_settings
@@ -58,47 +63,49 @@ class MapRecommendation:
     @property
     def lengths(self) -> tuple[float, float]:
         """Length of the shortest and of the recommended path [m]; NaN without a path."""
-        return self._evaluate_both(lambda candidate: candidate.path.length)
+        return self._evaluate_shortest_and_recommended(lambda candidate: candidate.path.length)
 
     @property
     def errors(self) -> tuple[float, float]:
         """Typical error of both: geometric mean over the drives [m], or [rad] of headings."""
-        return self._evaluate_both(
+        return self._evaluate_shortest_and_recommended(
             lambda candidate: candidate.driven.error.value if candidate.driven else math.nan
         )
 
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives of both, 0..1; NaN without a path."""
-        return self._evaluate_both(
+        return self._evaluate_shortest_and_recommended(
             lambda candidate: candidate.driven.lost_rate.value if candidate.driven else math.nan
         )
 
     @property
     def off_at_end(self) -> tuple[float, float]:
         """Share of drives of both off at the end, 0..1; NaN without a path."""
-        return self._evaluate_both(
+        return self._evaluate_shortest_and_recommended(
             lambda candidate: (
                 candidate.driven.off_at_end_rate.value if candidate.driven else math.nan
             )
         )
 
-    def _evaluate_both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
+    def _evaluate_shortest_and_recommended(
+        self, get_value: Callable[[Candidate], float]
+    ) -> tuple[float, float]:
         candidates = self.recommendation.shortest, self.recommendation.recommended_candidate
         first, second = (
-            math.nan if candidate is None else value(candidate) for candidate in candidates
+            math.nan if candidate is None else get_value(candidate) for candidate in candidates
         )
         return first, second
 
 
-def _make_column_pair(name: str, values: str, unit: str = "") -> tuple[Column, Column]:
+def _make_column_pair(name: str, values: str, unit: str = "") -> tuple[TableColumn, TableColumn]:
     """Return the columns of a pair of values, of the shortest and of the recommended path."""
-    shortest = Column(
+    shortest = TableColumn(
         f"{name}_shortest",
         unit,
         value=lambda map_recommendation: getattr(map_recommendation, values)[0],
     )
-    return shortest, Column(
+    return shortest, TableColumn(
         f"{name}_chosen",
         unit,
         value=lambda map_recommendation: getattr(map_recommendation, values)[1],
@@ -193,13 +200,13 @@ class Recommendations:
     def table(self) -> Table:
         """Return a row per query: its ends, and figures of the shortest and recommended path."""
         columns = (
-            Column("map", title="map"),
-            Column("query", title="query", value=lambda row: row.query.name),
-            Column("start_x", "m", value=lambda row: row.query.start[0]),
-            Column("start_y", "m", value=lambda row: row.query.start[1]),
-            Column("goal_x", "m", value=lambda row: row.query.goal[0]),
-            Column("goal_y", "m", value=lambda row: row.query.goal[1]),
-            Column("chosen", value=lambda row: row.recommendation.recommended_name),
+            TableColumn("map", title="map"),
+            TableColumn("query", title="query", value=lambda row: row.query.name),
+            TableColumn("start_x", "m", value=lambda row: row.query.start[0]),
+            TableColumn("start_y", "m", value=lambda row: row.query.start[1]),
+            TableColumn("goal_x", "m", value=lambda row: row.query.goal[0]),
+            TableColumn("goal_y", "m", value=lambda row: row.query.goal[1]),
+            TableColumn("chosen", value=lambda row: row.recommendation.recommended_name),
             *_make_column_pair("length", "lengths", "m"),
             *_make_column_pair("error", "errors"),
             *(
@@ -217,11 +224,11 @@ class Recommendations:
         if len(groups) > 1:
             groups["all maps"] = self
         columns = (
-            *(Column(name, title=name) for name in ("map", "queries")),
-            Column("left", title="detours", digits=0),
-            Column("length_ratio", title="length"),
-            Column("error_ratio", title="error", interval=True),
-            Column("off", title="lost,\noff at the end"),
+            *(TableColumn(name, title=name) for name in ("map", "queries")),
+            TableColumn("left", title="detours", digits=0),
+            TableColumn("length_ratio", title="length"),
+            TableColumn("error_ratio", title="error", interval=True),
+            TableColumn("off", title="lost,\noff at the end"),
         )
         rows = []
         for name, group in groups.items():
@@ -403,7 +410,7 @@ def recommend_paths(
     maps_by_name = name_maps(maps)
     settings = normalize_settings(settings)
     check_single_map(settings.filter_map, maps_by_name)
-    check_random(queries if is_integer(queries) else 1, query_seed, min_distance)
+    check_random_query_options(queries if is_integer(queries) else 1, query_seed, min_distance)
     check_integer("seed", seed, 0)
     cases: list[_QueryCase] = []
     for name, map_or_costmap in maps_by_name.items():

@@ -38,13 +38,13 @@ from locplan.simulation.candidates import (
     add_user_candidates,
     check_user_candidates,
     compute_path_deviation,
-    config_from_costs,
+    field_config_from_cost_summary,
     format_failure,
     generate_candidates,
     parse_user_candidates,
 )
 from locplan.simulation.problem import (
-    ComputeField,
+    FieldFunction,
     Minimise,
     PlanningProblem,
     RecommendationSettings,
@@ -71,7 +71,7 @@ def recommend_path(
     costs: Costmap | FieldConfig | None = None,
     zones: Zones | None = None,
     candidates: Candidates = (),
-    compute: ComputeField | None = None,
+    compute: FieldFunction | None = None,
     settings: RecommendationSettings | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -254,7 +254,7 @@ def _recommend_by_drives(
         candidates=candidates,
         left_out=left_out,
         judgement=race_result,
-        rival=runner.drive_rival(race_result),
+        rival=runner.drive_with_rival_filter(race_result),
     )
 
 
@@ -273,7 +273,7 @@ def _resolve_robot_and_field(
     if robot.lidar is None and isinstance(config, FieldConfig):
         robot = dataclasses.replace(robot, lidar=getattr(config.estimator, "lidar", None))
     if not isinstance(config, FieldConfig):
-        config = config_from_costs({}, robot.lidar)
+        config = field_config_from_cost_summary({}, robot.lidar)
     return robot, user_costmap, config
 
 

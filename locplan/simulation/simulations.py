@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from locplan._support.intervals import Interval
 from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
-from locplan._support.records import Column, Result, Table, extract_values
+from locplan._support.records import Result, Table, TableColumn, extract_values
 from locplan._support.tables import format_table, nan_to_none
 from locplan.errors import ConfigError
 from locplan.maps.grid import OccupancyGrid
@@ -109,7 +109,9 @@ class Simulation(Result):
     def table(self) -> Table:
         """Length and errors of each path, and the ratio of its RMSE to the first's."""
         ratios, unit_ratio = compute_rmse_ratios(self.drives), Interval(1.0, math.nan, math.nan)
-        ratio = Column("rmse_ratio", "", f"error over {next(iter(self.drives))}'s", interval=True)
+        ratio = TableColumn(
+            "rmse_ratio", "", f"error over {next(iter(self.drives))}'s", interval=True
+        )
         rows = {
             name: [
                 name,
@@ -121,7 +123,7 @@ class Simulation(Result):
         for name, path_drives in (self.arrivals or {}).items():
             rows[name] += [column.extract_value(path_drives) for column in ARRIVAL_COLUMNS]
         columns = (
-            Column("path", title=""),
+            TableColumn("path", title=""),
             *DRIVE_COLUMNS,
             ratio,
             *(ARRIVAL_COLUMNS if self.arrivals else ()),

@@ -21,9 +21,15 @@ from locplan.maps.occupancy import OCCUPIED
 from locplan.maps.zones import Zones, normalize_zones
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
-from locplan.simulation.drives import DriveArguments, DriveLine, make_drive_arguments
+from locplan.simulation.drives import DriveArguments, DrivePoses, make_drive_arguments
 from locplan.simulation.levels import Level, find_kink
-from locplan.simulation.worlds import MARGIN, Stage, Window, check_filter_map, make_window
+from locplan.simulation.worlds import (
+    MARGIN,
+    Window,
+    WorldRegion,
+    check_filter_map,
+    make_window_around,
+)
 
 WORLD_STREAM, BEAM_STREAM, CLOSED_LOOP_STREAM = 2, 5, 6
 """Streams of random numbers, see `random_of`; those of closed-loop drives have further numbers."""
@@ -103,7 +109,7 @@ class Simulator:
         with ThreadPoolExecutor(self.threads) as pool:
             return list(pool.map(make, range(count)))
 
-    def make_line(self, poses: Poses) -> DriveLine:
+    def make_drive_poses(self, poses: Poses) -> DrivePoses:
         """Return poses in the axes of both maps, as drives take them.
 
         Parameters
@@ -115,11 +121,11 @@ class Simulator:
         resolution = self.grid.resolution
         cells = np.column_stack([y / resolution, x / resolution, heading])
         truth = world_to_map_frame(self.filter_map, poses)
-        return DriveLine(truth, cells, truth)
+        return DrivePoses(truth, cells, truth)
 
-    def make_line_setups(
+    def make_level_setups(
         self, path: Path, poses: Poses, level: Level
-    ) -> tuple[tuple[DriveLine, DriveArguments], ...]:
+    ) -> tuple[tuple[DrivePoses, DriveArguments], ...]:
         """Return pairs of line and kernel arguments of a path at a level, for drives in turn.
 
         Parameters
@@ -131,7 +137,7 @@ class Simulator:
         level : Level
             The level of disturbance.
         """
-        line = self.make_line(poses)
+        line = self.make_drive_poses(poses)
         odometry = level.change_odometry(self.robot.odometry).to_kernel_settings()
         kink = find_kink(path, self.grid) if level.kink_deg else None
         if kink is None:
@@ -144,23 +150,23 @@ class Simulator:
             setups.append((line._replace(truth=truth), arguments))
         return tuple(setups)
 
-    def make_stage(self, lines: Sequence[DriveLine] = ()) -> Stage:
+    def make_world_region(self, lines: Sequence[DrivePoses] = ()) -> WorldRegion:
         """The part of the map that drives along some lines need; by default the whole map.
 
         Parameters
         ----------
         lines : sequence of Line, default ()
-            The lines, as `make_line` gives them.
+            The lines, as `make_drive_poses` gives them.
         """
         window: Window = slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1])
         if lines:
             reach = (self.robot.known_lidar.range + MARGIN) / self.grid.resolution
             cells = np.concatenate([line.cells[:, :2] for line in lines])
-            window = make_window(self.grid, cells, reach)
+            window = make_window_around(self.grid, cells, reach)
         noise = self.robot.disturbances.boundary_noise
         stops, boundary = self.stops[window], self.boundary[window]
         resolution = self.grid.resolution * self.stretch
-        return Stage(resolution, window, stops, boundary, noise, self.seed)
+        return WorldRegion(resolution, window, stops, boundary, noise, self.seed)
 
     @cached_property
     def stops(self) -> Bools:
@@ -179,33 +185,33 @@ class Simulator:
 
     def run_in_threads(
         self,
-        run: Callable[[int], None],
-        count: int,
+        run_task: Callable[[int], None],
+        n_tasks: int,
         progress: ProgressCallback | None,
-        steps: int | None = None,
+        n_steps: int | None = None,
     ) -> None:
         """Run tasks in their order, in the simulator's threads.
 
         Parameters
         ----------
-        run : callable
+        run_task : callable
             Called with the number of each task.
-        count : int
+        n_tasks : int
             Number of tasks.
         progress : callable or None
             Called with (done, total) steps.
-        steps : int, optional
+        n_steps : int, optional
             Number of steps that the tasks are reported as; by default one each.
         """
-        steps = steps or count
+        n_steps = n_steps or n_tasks
         _ = self.arguments, self.stops, self.boundary  # made once, not by every thread
         pool = ThreadPoolExecutor(self.threads)
         try:
-            tasks = [pool.submit(run, n) for n in range(count)]
+            tasks = [pool.submit(run_task, n) for n in range(n_tasks)]
             for n_done, task in enumerate(tasks):
                 task.result()
-                for step in range(n_done * steps // count, (n_done + 1) * steps // count):
+                for step in range(n_done * n_steps // n_tasks, (n_done + 1) * n_steps // n_tasks):
                     if progress:
-                        progress(step + 1, steps)
+                        progress(step + 1, n_steps)
         finally:
             pool.shutdown(cancel_futures=True)

@@ -14,12 +14,12 @@ from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets
 from locplan._support.poses import Poses
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps.grid import OccupancyGrid, check_grid, extent_text
-from locplan.planning.path import Path, divide_poses
+from locplan.maps.grid import OccupancyGrid, check_grid, format_extent
+from locplan.planning.path import Path, insert_poses_between
 from locplan.robots.parts import Inflation
 from locplan.robots.robot import Robot
 from locplan.simulation.custom_filters import track_drive
-from locplan.simulation.drives import DriveArguments, DriveLine
+from locplan.simulation.drives import DriveArguments, DrivePoses
 from locplan.simulation.levels import Level
 
 POSE_SPACING, MAX_TURN = 0.05, 0.1
@@ -59,7 +59,7 @@ def make_path_poses(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     free = inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)]
     if not free.all():
         x, y = fine.xy[np.argmin(free)]
-        extent = "" if inside.all() else f", which reaches from {extent_text(grid)},"
+        extent = "" if inside.all() else f", which reaches from {format_extent(grid)},"
         raise LocplanError(
             f"{prefix}leaves the free cells of {grid.name or 'the map'}{extent} at {x:.2f},{y:.2f};"
             " drive a path that was planned on this map"
@@ -69,24 +69,24 @@ def make_path_poses(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     return _insert_turns(_make_facing_poses(fine, fine.distance))
 
 
-def _make_facing_poses(path: Path, at: Floats) -> Poses:
+def _make_facing_poses(path: Path, path_distances: Floats) -> Poses:
     """Poses at distances along a path, each facing the point `LOOKAHEAD` of it."""
     positions, ahead = (
         np.column_stack([np.interp(distances, path.distance, v) for v in path.xy.T])
-        for distances in (at, np.minimum(at + LOOKAHEAD, path.length))
+        for distances in (path_distances, np.minimum(path_distances + LOOKAHEAD, path.length))
     )
     dx, dy = (ahead - positions).T
     heading = np.arctan2(dy, dx)
     moving = np.flatnonzero(np.hypot(dx, dy) > LOOKAHEAD / 10)
     if moving.size:  # at the end nothing lies ahead: keep the last heading
-        last = np.searchsorted(moving, np.arange(len(at)), side="right") - 1
+        last = np.searchsorted(moving, np.arange(len(path_distances)), side="right") - 1
         heading = heading[moving[np.maximum(last, 0)]]
     return np.column_stack([positions, np.unwrap(heading)])
 
 
 def _insert_turns(poses: Poses) -> Poses:
     """Return poses with further ones inserted in turns by more than `MAX_TURN` at once."""
-    return divide_poses(poses, np.abs(np.diff(poses[:, 2])) / MAX_TURN)
+    return insert_poses_between(poses, np.abs(np.diff(poses[:, 2])) / MAX_TURN)
 
 
 def add_way_back(poses: Poses) -> Poses:
@@ -110,7 +110,7 @@ MARGIN = 2.0
 Window = tuple[slice, slice]
 
 
-def make_window(grid: OccupancyGrid, cells: Floats, margin: float) -> Window:
+def make_window_around(grid: OccupancyGrid, cells: Floats, margin: float) -> Window:
     """Rows and columns of a map around positions.
 
     Parameters
@@ -130,7 +130,7 @@ def make_window(grid: OccupancyGrid, cells: Floats, margin: float) -> Window:
 
 
 @dataclass(frozen=True)
-class Stage:
+class WorldRegion:
     """The part of a map that some lines need: the range of the lidar around them, and a margin."""
 
     resolution: float
@@ -187,7 +187,7 @@ class Stage:
 
     def drive(
         self,
-        line: DriveLine,
+        line: DrivePoses,
         world: Octets,
         route: int,
         number: int,
@@ -210,7 +210,7 @@ class Stage:
             The level of disturbance. Its faults have separate random numbers, so that errors of
             odometry are the same at all levels.
         """
-        from locplan._support.kernels.drives import World, simulate_drive, simulate_odometry
+        from locplan._support.kernels.drives import DrivenWorld, simulate_drive, simulate_odometry
 
         cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
         errors = np.empty_like(line.truth)
@@ -223,7 +223,7 @@ class Stage:
             random,
             line.truth,
             reported,
-            World(world, self.resolution, cells),
+            DrivenWorld(world, self.resolution, cells),
             arguments.scores,
             arguments.lidar,
             arguments.disturbances,

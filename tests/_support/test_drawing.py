@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from locplan import Sad, covariance_field
-from locplan._support.drawing import FIELD_COLOURS, CellImage, Picture, draw_field_bar
+from locplan._support.drawing import FIELD_COLOURS, CellImage, NotebookFigure, draw_field_bar
 from locplan.field import FieldConfig
 from locplan.field.figures import field_figure
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, figures as _cells
@@ -49,15 +49,17 @@ def test_a_picture_that_is_drawn_once_is_that_of_matplotlib(field):
     figures = field_figure(field), field_figure(field)
     for _ in range(2):  # the layout of a second one begins where the first one's ended
         theirs = pixels(figures[0], Figure.savefig)
-        np.testing.assert_array_equal(pixels(figures[1], Picture.savefig), theirs)
+        np.testing.assert_array_equal(pixels(figures[1], NotebookFigure.savefig), theirs)
 
 
 def test_a_picture_is_drawn_once_and_keeps_its_layout_engine_and_size(field, monkeypatch):
     figure = field_figure(field)
     engine, dpi, draws = figure.get_layout_engine(), figure.dpi, []
-    draw = Picture.draw
-    monkeypatch.setattr(Picture, "draw", lambda self, to: [draws.append(1), draw(self, to)][1])
-    pixels(figure, Picture.savefig)
+    draw = NotebookFigure.draw
+    monkeypatch.setattr(
+        NotebookFigure, "draw", lambda self, to: [draws.append(1), draw(self, to)][1]
+    )
+    pixels(figure, NotebookFigure.savefig)
     assert len(draws) == 1
     assert (figure.get_layout_engine(), figure.dpi) == (engine, dpi)
 
@@ -131,7 +133,7 @@ def test_values_read_at_cells_are_those_of_the_map(field, logarithmic):
 
 
 def test_the_bar_of_a_field_names_powers_of_ten_without_formulas(field):
-    figure = Picture(layout="constrained")
+    figure = NotebookFigure(layout="constrained")
     axes = figure.subplots()
     values = np.ones(field.grid.shape)
     image = draw_cells(axes, field.grid, values, cmap=FIELD_COLOURS, norm=LogNorm(2e-4, 0.9))

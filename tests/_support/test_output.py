@@ -12,8 +12,8 @@ from support.cases import sample_cases
 from support.maps import ascii_map
 
 from locplan._support import output
-from locplan._support.drawing import Picture
-from locplan._support.output import Output, ResultFiles, temporary_folder
+from locplan._support.drawing import NotebookFigure
+from locplan._support.output import ResultFiles, ResultOutput, temporary_folder
 from locplan._support.runs import RunRecord, pop_written_lines, running
 from locplan._support.tables import format_rounded_up
 from locplan.errors import LocplanError
@@ -26,14 +26,14 @@ PLAN = ("plan", *ENDS, "--stride", "0.5")
 
 
 def write(folder, files, kind="plan", adds=False, **options):
-    with Output(folder, kind, **options).writing(adds=adds) as new:
+    with ResultOutput(folder, kind, **options).writing(adds=adds) as new:
         for name, text in files.items():
             (new / name).parent.mkdir(exist_ok=True)
             (new / name).write_text(text)
 
 
 def write_file(file, text, kind="path", **options):
-    with Output(file, kind, is_file=True, **options).writing() as new:
+    with ResultOutput(file, kind, is_file=True, **options).writing() as new:
         new.write_text(text)
 
 
@@ -189,7 +189,7 @@ def test_failing_block_leaves_folder_as_it_was(tmp_path, error, there):
     before = sorted(tmp_path.rglob("*")), content(tmp_path)
 
     def fail():
-        with Output(folder, "plan").writing() as new:
+        with ResultOutput(folder, "plan").writing() as new:
             (new / "a").write_text("2")
             raise error
 
@@ -240,7 +240,7 @@ def test_interrupted_moves_are_finished_at_once(tmp_path, monkeypatch):
 def test_errors_name_the_last_place_of_a_file(tmp_path):
     with (
         pytest.raises(LocplanError, match=f"^{tmp_path}/out/a.png: no$"),
-        Output(tmp_path / "out", "plan").writing() as new,
+        ResultOutput(tmp_path / "out", "plan").writing() as new,
     ):
         raise LocplanError(f"{new / 'a.png'}: no")
 
@@ -249,7 +249,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 sys.path[:0] = {path!r}
-from locplan._support.output import Output
+from locplan._support.output import ResultOutput
 left = [{moves}]
 def killing(step):
     def stepped(*arguments, **options):
@@ -334,7 +334,7 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Picture, "savefig", interrupted)
+    monkeypatch.setattr(NotebookFigure, "savefig", interrupted)
     assert run(*plan, "--weight", "9")[0] == 130
     assert {each: each.read_bytes() for each in out.iterdir()} == before
 

@@ -13,7 +13,7 @@ import locplan
 from locplan._support import public
 from locplan._support.intervals import Interval
 from locplan._support.output import ResultFiles
-from locplan._support.records import Column, Result, Table
+from locplan._support.records import Result, Table, TableColumn
 from locplan.errors import LocplanError
 
 
@@ -27,12 +27,12 @@ class Place:
 
 
 COLUMNS = (
-    Column("name", title="place"),
-    Column("x", "m", "x"),
-    Column("heading", "rad", "heading", 0, "deg"),
-    Column("loss", "m", "loss", 1, "cm", signed=True),
-    Column("error", "m", "error", interval=True),
-    Column("twice", value=lambda place: 2 * place.x),
+    TableColumn("name", title="place"),
+    TableColumn("x", "m", "x"),
+    TableColumn("heading", "rad", "heading", 0, "deg"),
+    TableColumn("loss", "m", "loss", 1, "cm", signed=True),
+    TableColumn("error", "m", "error", interval=True),
+    TableColumn("twice", value=lambda place: 2 * place.x),
 )
 PLACES = (
     Place("[a] b", -0.001, math.pi / 2, 0.123, Interval(0.25, 0.2, 0.3)),
@@ -52,14 +52,14 @@ def test_people_see_titles_units_and_digits():
 @pytest.mark.parametrize(
     ("column", "value", "text"),
     [
-        (Column("share", people="%", digits=0), 0.256, "26%"),
-        (Column("share", people="%", digits=0, interval=True), (0.5, 0.2, 0.8), "50% [20,80]"),
-        (Column("error", "m", interval=True), (0.0991, 0.09, 0.2), "0.099 [0.090,0.200]"),
-        (Column("error", "m", interval=True), (0.0999, 0.09, 0.2), "0.10 [0.09,0.20]"),
-        (Column("ratio", interval=True), (0.05, 0.04, 0.06), "0.05 [0.04,0.06]"),
-        (Column("error", "m", interval=True), (math.nan,) * 3, "-"),
-        (Column("x", "m"), 0.05, "0.05"),
-        (Column("drives", digits=0), 12, "12"),
+        (TableColumn("share", people="%", digits=0), 0.256, "26%"),
+        (TableColumn("share", people="%", digits=0, interval=True), (0.5, 0.2, 0.8), "50% [20,80]"),
+        (TableColumn("error", "m", interval=True), (0.0991, 0.09, 0.2), "0.099 [0.090,0.200]"),
+        (TableColumn("error", "m", interval=True), (0.0999, 0.09, 0.2), "0.10 [0.09,0.20]"),
+        (TableColumn("ratio", interval=True), (0.05, 0.04, 0.06), "0.05 [0.04,0.06]"),
+        (TableColumn("error", "m", interval=True), (math.nan,) * 3, "-"),
+        (TableColumn("x", "m"), 0.05, "0.05"),
+        (TableColumn("drives", digits=0), 12, "12"),
     ],
 )
 def test_values_have_their_digits(column, value, text):
@@ -67,7 +67,7 @@ def test_values_have_their_digits(column, value, text):
 
 
 def test_per_cent_stand_behind_the_values_and_not_in_the_heading():
-    share = Column("share", title="lost", people="%", interval=True)
+    share = TableColumn("share", title="lost", people="%", interval=True)
     assert (share.heading, share.text(Interval(0.5, 0.0, 1.0))[:6]) == ("lost", "50.00%")
     assert share.names == ("share", "share_low", "share_high")
 
@@ -76,7 +76,9 @@ def test_every_declared_column_has_a_unit_and_a_title_for_people_that_is_none():
     names = [each.name for each in pkgutil.walk_packages(locplan.__path__, "locplan.")]
     modules = [vars(import_module(name)) for name in names if "__main__" not in name]
     tuples = (value for module in modules for value in module.values() if type(value) is tuple)
-    columns = {id(each): each for found in tuples for each in found if isinstance(each, Column)}
+    columns = {
+        id(each): each for found in tuples for each in found if isinstance(each, TableColumn)
+    }
     assert len(columns) > 100
     units = {"", "m", "rad", "s", "nat", "m² rad", "m² rad m"}
     for each in columns.values():
@@ -95,9 +97,11 @@ def test_long_tables_are_cut_and_wide_ones_broken():
 def test_tables_break_at_spaces_alone_and_their_headings_first():
     rates = Interval(1.0, 0.68, 1.0)
     columns = (
-        Column("name", title="path"),
-        Column("share", title="off by > 2 m at some time", people="%", digits=0, interval=True),
-        Column("error", "m", title="error of a drive", interval=True),
+        TableColumn("name", title="path"),
+        TableColumn(
+            "share", title="off by > 2 m at some time", people="%", digits=0, interval=True
+        ),
+        TableColumn("error", "m", title="error of a drive", interval=True),
     )
     rows = (("localizability-aware", rates, rates), ("clear way around 2", rates, rates))
     table = Table(columns, rows)

@@ -5,7 +5,11 @@ import pytest
 from support import oracles
 
 from locplan._support.kernels import ways
-from locplan._support.kernels.search import make_bordered_half, measure_costs, search_grid
+from locplan._support.kernels.search import (
+    make_bordered_half_density,
+    measure_cost_scale,
+    search_grid,
+)
 from locplan._support.kernels.ways import trace_path
 
 SIZE = 22
@@ -21,12 +25,12 @@ def tied(seed: int) -> np.ndarray:
 
 
 def searched(half, source):
-    return search_grid(half, SIZE + 2, source, -1, False, measure_costs(half)).cost
+    return search_grid(half, SIZE + 2, source, -1, False, measure_cost_scale(half)).cost
 
 
 def steps_from(half, source):
     cost = searched(half, source)
-    tolerance = ways.compute_tolerance(cost, measure_costs(half).cheapest)
+    tolerance = ways.compute_tolerance(cost, measure_cost_scale(half).cheapest)
     return ways.find_backward_steps(half, SIZE + 2, cost, tolerance)
 
 
@@ -36,7 +40,7 @@ def test_steps_back_equal_the_plain_ones(tolerance):
     for seed in range(8):
         density = tied(seed)
         density[0, 0] = 1.0
-        half, columns = make_bordered_half(density, 1), SIZE + 2
+        half, columns = make_bordered_half_density(density, 1), SIZE + 2
         cost = searched(half, columns + 1)
         found = ways.find_backward_steps(half, columns, cost, tolerance).reshape(-1, columns)
         costs = np.abs(cost).reshape(-1, columns)[1:-1, 1:-1]
@@ -54,7 +58,7 @@ def test_paths_of_kept_searches_are_those_of_a_search_from_their_start():
         density, columns = tied(seed), SIZE + 2
         cells = rng.integers(SIZE, size=(2, 2))
         density[tuple(cells.T)] = 1.0
-        half = make_bordered_half(density, 1)
+        half = make_bordered_half_density(density, 1)
         root, tip = ((cells + 1) @ (columns, 1)).tolist()
         steps = steps_from(half, root)
         there, back = searched(half, root), searched(half, tip)
@@ -76,16 +80,16 @@ def test_paths_of_kept_searches_are_those_of_a_search_from_their_start():
 
 def test_of_very_many_equal_paths_it_is_the_same():
     columns = 402
-    half = make_bordered_half(np.ones((400, 400)), 1)
+    half = make_bordered_half_density(np.ones((400, 400)), 1)
     root, tip = 5 * columns + 7, 390 * columns + 201
-    cost = search_grid(half, columns, root, -1, False, measure_costs(half)).cost
+    cost = search_grid(half, columns, root, -1, False, measure_cost_scale(half)).cost
     steps = ways.find_backward_steps(half, columns, cost, ways.compute_tolerance(cost, 1.0))
     found = ways.trace_cheapest_path(half, columns, steps, root, tip, True)
     np.testing.assert_array_equal(found, trace_path(half, columns, cost, tip, False))
 
 
 def test_a_path_within_one_cell_is_that_cell():
-    half = make_bordered_half(np.ones((SIZE, SIZE)), 1)
+    half = make_bordered_half_density(np.ones((SIZE, SIZE)), 1)
     for from_root in (True, False):
         cells = ways.trace_cheapest_path(half, SIZE + 2, steps_from(half, 50), 50, 50, from_root)
         assert cells.tolist() == [50]

@@ -264,7 +264,7 @@ def test_an_object_that_closes_the_gap_of_a_view_is_seen_on_both_sides():
     before = hits.copy()
     behind = 5.4, 4.0, math.pi / 2
     touched = np.zeros(len(hits), bool)
-    kernels.add_object(hits, rays, kernels.ObjectOutline(*kind.shape), *behind, touched)
+    kernels.add_object_to_hits(hits, rays, kernels.ObjectOutline(*kind.shape), *behind, touched)
     met = np.flatnonzero(hits[0, :, 0] < before[0, :, 0])
     assert met[0] == 0
     assert met[-1] == rays.beams - 1
@@ -364,14 +364,14 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
             wanted = oracles.landmarks.landmark_information(
                 occupied, normals, 0.5, rays, n, outline, [place]
             )
-            begin, count = kernels.find_seeing_rays(hits, rays, n, outline, *place)
+            begin, count = kernels.find_shortened_rays(hits, rays, n, outline, *place)
             scene = kernels.LandmarkScene(hits, sums, rays, outline)
             meets = count > 0 and kernels.write_object_sums(scene, n, place, begin, count, changed)
             found = as_matrix(changed if meets else sums[n])
             np.testing.assert_allclose(found, wanted, atol=2e-4)
     touched = np.zeros(len(hits), bool)
     for place in objects:
-        kernels.add_object(hits, rays, outline, *place, touched)
+        kernels.add_object_to_hits(hits, rays, outline, *place, touched)
     sums = kernels.sum_hits(hits, rays)
     for n in (1, 2):
         wanted = oracles.landmarks.landmark_information(
@@ -402,7 +402,7 @@ def test_the_objective_is_that_of_plain_matrices(outline):
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
     seen, every = sightings_of(hits, rays, outline, places), np.arange(3)
     scene = kernels.LandmarkScene(hits, sums, rays, outline)
-    found = ways.compute_uncertainties(places, every, seen, scene, routes, told, motion)
+    found = ways.compute_mean_variances(places, every, seen, scene, routes, told, motion)
     for place, value in zip(places, found, strict=True):
         information = [
             oracles.landmarks.landmark_information(
@@ -418,7 +418,8 @@ def test_the_objective_is_that_of_plain_matrices(outline):
 def test_a_ray_from_within_an_object_meets_nothing():
     for outline in OUTLINES:
         assert (
-            kernels.find_entry(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0] == np.inf
+            kernels.intersect_object(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0]
+            == np.inf
         )
 
 
@@ -486,7 +487,7 @@ def test_each_place_is_the_best_beside_those_before(placed):
         assert placed.curve[n + 1] == pytest.approx(values.min(), rel=0.02)  # or it is too close
     assert (np.diff(placed.curve) < 0).all()
     assert (placed.gains == -np.diff(placed.curve)).all()
-    assert 1 <= placed.n_paying <= 3
+    assert 1 <= placed.n_useful <= 3
 
 
 def test_landmarks_do_not_depend_on_the_threads(hallway, placed):
@@ -654,7 +655,7 @@ def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
         seen = sightings_of(hits, rays, outline, places)
         for m, place in enumerate(places):
             after, touched = hits.copy(), np.zeros(len(hits), bool)
-            kernels.add_object(after, rays, outline, *place, touched)
+            kernels.add_object_to_hits(after, rays, outline, *place, touched)
             at = slice(seen.starts[m], seen.starts[m + 1])
             assert seen.poses[at].tolist() == np.flatnonzero(touched).tolist()
             for n, (begin, count) in zip(seen.poses[at], seen.rays[at], strict=True):

@@ -10,7 +10,7 @@ from support.maps import ascii_map, blocks
 import locplan
 from locplan import load_map, repair, save_map
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, faults, hollow_walls
-from locplan.maps.files import corrected_yaml, read_map, with_corrected_thresholds
+from locplan.maps.files import format_corrected_yaml, read_map, with_corrected_thresholds
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -159,7 +159,7 @@ def test_a_yaml_of_any_style_gets_the_thresholds_that_are_meant(tmp_path, entrie
     (folder / "lab.yaml").write_text(entries)
     grid, source = read_map(folder / "lab.yaml")
     more = {"resolution": 0.2, "origin": [2, 4, 0]}
-    (tmp_path / "map.yaml").write_text(corrected_yaml(source, more))
+    (tmp_path / "map.yaml").write_text(format_corrected_yaml(source, more))
     read = load_map(tmp_path / "map.yaml")
     assert (read.resolution, read.origin) == (0.2, (2, 4, 0))
     assert np.array_equal(read.cells, with_corrected_thresholds(grid, source).cells)

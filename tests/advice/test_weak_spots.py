@@ -11,7 +11,7 @@ from matplotlib.path import Path
 from support.maps import ascii_map, random_rooms
 
 import locplan
-from locplan.advice.weak_spots import find_degenerate_areas, find_weak_spots, mark_meeting_lines
+from locplan.advice.weak_spots import find_degenerate_areas, find_weak_spots, mark_crossing_lines
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField, FieldConfig, Sad, SearchWindow
 from locplan.field.covariance import DEGENERATE
@@ -246,7 +246,7 @@ def test_polygons_of_noise_are_valid_and_apart(seed):
 def test_lines_that_meet_are_found():
     bow = np.array([[0, 0], [8, 8], [8, 0], [0, 8]])
     apart = np.array([[20, 0], [30, 0], [30, 10]])
-    assert mark_meeting_lines([bow, apart]).tolist() == [
+    assert mark_crossing_lines([bow, apart]).tolist() == [
         True,
         False,
         True,
@@ -256,9 +256,9 @@ def test_lines_that_meet_are_found():
         False,
     ]
     touching = np.array([[25, 5], [21, 20], [11, 20]])  # its first corner lies on a line
-    assert mark_meeting_lines([apart, touching]).any()
+    assert mark_crossing_lines([apart, touching]).any()
     back = np.array([[0, 0], [8, 0], [4, 0], [4, 6]])
-    assert mark_meeting_lines([back]).any()
+    assert mark_crossing_lines([back]).any()
 
 
 def test_small_holes_are_filled_and_others_kept():

@@ -16,7 +16,7 @@ from support.maps import blocks
 import locplan
 from locplan.app.explorer.check_reports import CheckReport
 from locplan.app.explorer.explorer import Explorer
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from locplan.app.explorer.session import Session
 from locplan.app.explorer.state import describe_state
 from locplan.errors import LocplanError
@@ -47,7 +47,7 @@ def checked(tmp_path_factory):
 def session_on(folder, **opening) -> Session:
     report = CheckReport.read(folder)
     grid, config = load_map(report.map_file), config_of(report.robot)
-    session = Session(grid, Opening(config, report.robot, report=report, **opening))
+    session = Session(grid, StartSettings(config, report.robot, report=report, **opening))
     session.begin(load_or_compute(grid, config))
     session.wait()
     return session

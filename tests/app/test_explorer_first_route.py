@@ -12,7 +12,7 @@ import locplan
 from locplan.app.explorer.first_route import RouteStops, choose_first_route
 from locplan.app.explorer.plans import has_drafts, measure_path
 from locplan.app.explorer.repairs import compute_scene, make_blank_scene
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from locplan.app.explorer.searches import PathSearches, ResultStore
 from locplan.app.explorer.sites import ExploredSite
 from locplan.app.explorer.weak_spots import name_weak_spots
@@ -33,7 +33,7 @@ REAL = (
 def saved_share(grid) -> float | None:
     """Share of the degenerate metres that the first route avoids; None without a weak spot."""
     robot = locplan.Robot("turtlebot4")
-    opening = Opening(FieldConfig(locplan.Fused(robot.lidar), stride=0.8), robot)
+    opening = StartSettings(FieldConfig(locplan.Fused(robot.lidar), stride=0.8), robot)
     site = ExploredSite(grid, opening.config, robot)
     scene = compute_scene(site, opening, lambda *_: None)
     if not name_weak_spots(scene):
@@ -71,7 +71,7 @@ def test_first_route_on_uniform_map_has_two_ends():
     scene = type(scene)(site, costs, field)
     route = choose_first_route(
         PathSearches(ResultStore(1e9), scene),
-        Opening(site.config, robot, goal=(1.0, 1.0)),
+        StartSettings(site.config, robot, goal=(1.0, 1.0)),
         is_draft=False,
     )
     assert isinstance(route, RouteStops)

@@ -27,12 +27,12 @@ import locplan
 from locplan._support.kernels import search
 from locplan.app.explorer.messages import Question, QuestionJob
 from locplan.app.explorer.plans import prepare_searches
-from locplan.app.explorer.scene import Opening, SceneLimits
+from locplan.app.explorer.scene import SceneLimits, StartSettings
 from locplan.app.explorer.searches import PathSearches, ResultStore, SearchGrid
 from locplan.app.explorer.session import Session
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap
-from locplan.planning.any_angle import any_angle_path
+from locplan.planning.any_angle import make_any_angle_path
 from locplan.planning.plans import AWARE, SHORTEST, plan_with_shortest
 
 
@@ -43,7 +43,7 @@ def session(tmp_path_factory) -> Session:
 
 def bare_session(grid: OccupancyGrid, **limits) -> Session:
     """Return a session without a field, of a robot that is a point."""
-    return Session(grid, Opening(SAD, POINT, limits=SceneLimits(**limits)))
+    return Session(grid, StartSettings(SAD, POINT, limits=SceneLimits(**limits)))
 
 
 def set_limits(monkeypatch, session: Session, **limits) -> None:
@@ -227,16 +227,16 @@ def test_only_legs_of_held_stop_are_planned_again(session, monkeypatch):
 
     def note(costs, bordered, cells, start, goal):
         legs.append((start, goal))
-        return any_angle_path(costs, bordered, cells, start, goal)
+        return make_any_angle_path(costs, bordered, cells, start, goal)
 
-    monkeypatch.setattr("locplan.app.explorer.searches.any_angle_path", note)
+    monkeypatch.setattr("locplan.app.explorer.searches.make_any_angle_path", note)
     for held in (0, None):
         ask_plan(session, [moved, *stops[1:]], 4.0, held=held)
         assert legs == 2 * [(moved, stops[1])]
 
 
 def test_plan_without_field_has_shortest_path():
-    session = Session(rooms(), Opening(SAD, SMALL))
+    session = Session(rooms(), StartSettings(SAD, SMALL))
     answer = ask_plan(session, free_places(session, 2), 4.0)
     assert answer["recommended"] is None
     assert "computed" in answer["why"]

@@ -9,7 +9,7 @@ import pytest
 from support.explorer_sessions import SAD, SMALL, ask, ask_plan, free_places, open_session, rooms
 
 import locplan
-from locplan.app.explorer.scene import Opening, SceneLimits
+from locplan.app.explorer.scene import SceneLimits, StartSettings
 from locplan.app.explorer.session import Session
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OccupancyGrid
@@ -145,7 +145,7 @@ def test_points_nearest_to_change_come_first():
 
 
 def test_shortest_path_follows_changes_without_field(monkeypatch):
-    session = Session(rooms(), Opening(SAD, SMALL))
+    session = Session(rooms(), StartSettings(SAD, SMALL))
     monkeypatch.setattr(
         "locplan.app.explorer.session.compute_scene", lambda site, *_: session.scene
     )

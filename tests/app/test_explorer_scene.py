@@ -11,7 +11,7 @@ from support.maps import ascii_map
 
 import locplan
 from locplan.app.explorer.repairs import make_blank_scene
-from locplan.app.explorer.scene import coarse_costs, snap_stops
+from locplan.app.explorer.scene import coarsen_costs, snap_stops
 from locplan.app.explorer.sites import ExploredSite
 from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid, Zone, Zones
@@ -66,7 +66,7 @@ def test_coarse_cells_have_mean_degeneracy_and_zones():
     u = np.linspace(0, 1, 96).reshape(8, 12)
     prefer = Zones([Zone("prefer", [[0, 0], [2, 0], [2, 2], [0, 2]])])
     fine = locplan.Costmap.from_layers(grid, u=u, robot=0.0, zones=prefer)
-    coarse = coarse_costs(fine)
+    coarse = coarsen_costs(fine)
     assert coarse.grid.shape == (2, 3)
     assert coarse.u[0, 0] == pytest.approx(u[:4, :4].mean())
     extra = coarse.density - (1 + coarse.weight * coarse.u)

@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import locplan
 from locplan.app.explorer.explorer import open_explorer
 from locplan.app.explorer.messages import MAX_MESSAGE
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from locplan.app.explorer.server import PAGE
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig
@@ -41,7 +41,7 @@ def test_server_listens_on_this_machine_alone(server):
         other.bind(("127.0.0.1", 0))
         other.listen()
         with pytest.raises(LocplanError, match="cannot be used") as error:
-            open_explorer(GRID, Opening(CONFIG), port=other.getsockname()[1])
+            open_explorer(GRID, StartSettings(CONFIG), port=other.getsockname()[1])
     assert "\n" not in str(error.value)
 
 

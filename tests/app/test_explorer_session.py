@@ -22,7 +22,7 @@ from support.explorer_sessions import (
 )
 
 import locplan
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from locplan.app.explorer.session import Session
 from locplan.app.explorer.state import describe_session, describe_state
 from locplan.errors import LocplanError
@@ -116,12 +116,12 @@ def test_place_has_covariance_of_field():
 
 
 def test_clearance_needs_no_array_of_map():
-    session = Session(rooms(), Opening(SAD, POINT))
+    session = Session(rooms(), StartSettings(SAD, POINT))
     places = free_places(session, 20, seed=3)
     clearance = [ask(session, "at", x=x, y=y)["clearance"] for x, y in places]
     assert "clearance" not in vars(session.grid)
     assert clearance == [session.grid.clearance[session.grid.cell(xy)] for xy in places]
-    free = Session(OccupancyGrid(np.full((4, 4), FREE), 0.1), Opening(SAD, POINT))
+    free = Session(OccupancyGrid(np.full((4, 4), FREE), 0.1), StartSettings(SAD, POINT))
     assert ask(free, "at", x=0.1, y=0.1)["clearance"] is None
 
 

@@ -20,7 +20,7 @@ from support.explorer_sessions import (
     open_corridors,
 )
 
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from locplan.app.explorer.session import Session
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
@@ -46,7 +46,7 @@ def share(name: str = "two_corridors", **values) -> str:
     grid, field = corridors()
     grid = dataclasses.replace(grid, name=name)
     field = dataclasses.replace(field, grid=grid)
-    session = Session(grid, Opening(field.config, folder=None))
+    session = Session(grid, StartSettings(field.config, folder=None))
     session.begin(field)
     session.wait()
     answer = ask(session, "share", **ROUTE, route="key", view={"layer": "deviation"}, **values)

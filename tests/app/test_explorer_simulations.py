@@ -19,7 +19,7 @@ from support.explorer_sessions import (
     open_corridors,
 )
 
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from locplan.app.explorer.session import Session
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OccupancyGrid, Zone, Zones
@@ -101,7 +101,7 @@ def test_cancelled_simulation_ends(session, calls):
 def test_simulation_without_path_is_refused():
     cells = np.full((20, 40), FREE, np.uint8)
     cells[:, 20] = 0
-    session = Session(OccupancyGrid(cells, 0.1), Opening(corridors()[1].config))
+    session = Session(OccupancyGrid(cells, 0.1), StartSettings(corridors()[1].config))
     session.begin()
     session.wait()
     with pytest.raises(ConfigError, match="no path"):
@@ -112,7 +112,7 @@ def test_simulation_without_path_is_refused():
 @pytest.mark.parametrize("do", ["simulate", "export", "share"])
 def test_long_answers_need_a_field(do, tmp_path):
     grid, field = corridors()
-    session = Session(grid, Opening(field.config, ROBOT, folder=tmp_path))
+    session = Session(grid, StartSettings(field.config, ROBOT, folder=tmp_path))
     with pytest.raises(ConfigError, match="field"):
         ask(session, do, **ROUTE)
 

@@ -118,7 +118,7 @@ def test_moves_that_began_are_finished_if_the_process_is_killed(tmp_path):
     code = """
 import os
 from pathlib import Path
-from locplan._support.output import Output
+from locplan._support.output import ResultOutput
 with Output(Path("kept"), "plan").writing() as folder:
     (folder / "a").write_text("1")
     (folder / "b").write_text("1")
@@ -252,7 +252,7 @@ def stops() -> list:
     each = [
         ("locplan.field.Sad.covariances", ("field", "-o", "out.npz")),
         (
-            "locplan.comparison.workers.Workers.perform_jobs",
+            "locplan.comparison.workers.WorkerPool.perform_jobs",
             ("compare", "--min-distance", "2", "-o", "out"),
         ),
         ("locplan.field.files.write_field", ("field", "-o", "out.npz")),

@@ -13,7 +13,7 @@ import yaml
 from support.maps import ascii_map
 
 from locplan import save_map
-from locplan._support.output import Output
+from locplan._support.output import ResultOutput
 from locplan.errors import LocplanError
 
 pytestmark = [
@@ -122,7 +122,7 @@ def kill(home: Path, name: str, step: int) -> str:
     assert run(home, [*command, values[0]], step)[0] == -signal.SIGKILL
     target = home / command[command.index("-o") + 1]
     with pytest.raises(LocplanError, match="results of another command"):
-        Output(target, "other", is_file=target.suffix != "").check()
+        ResultOutput(target, "other", is_file=target.suffix != "").check()
     return check_is_whole(home, users, values)
 
 

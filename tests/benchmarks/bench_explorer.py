@@ -14,7 +14,7 @@ import pytest
 from support.browser import FLAGS, Window, browser_file
 
 from locplan.app.explorer.explorer import open_explorer
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from locplan.app.explorer.sharing import PAGE
 from locplan.field import FieldConfig, Fisher, covariance_field
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
@@ -76,7 +76,7 @@ def parts(request):
     grid = halls(request.param)
     config = FieldConfig(Fisher(Lidar(range=6.0)), stride=0.2)
     far = request.param * grid.resolution
-    opening = Opening(config, start=(8.0, 10.0), goal=(far - 12.0, far - 12.0))
+    opening = StartSettings(config, start=(8.0, 10.0), goal=(far - 12.0, far - 12.0))
     return grid, opening, covariance_field(grid, config)
 
 

@@ -16,8 +16,8 @@ from support.movingai import find_map_file, find_scenario_files, read_all_scenar
 
 from locplan._support.kernels.search import (
     compute_shortest_costs,
-    make_bordered_half,
-    measure_costs,
+    make_bordered_half_density,
+    measure_cost_scale,
     search_grid,
 )
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -87,7 +87,7 @@ def test_single_objective(benchmark, size):
     first, last = columns + 1, size * columns + size
 
     def ours(corner_cutting=False):
-        half = make_bordered_half(density, 1)
+        half = make_bordered_half_density(density, 1)
         return compute_shortest_costs(half, columns, first, last, corner_cutting)
 
     cost = benchmark.pedantic(ours, rounds=9, warmup_rounds=1)
@@ -135,7 +135,7 @@ def test_large_maps_cost_no_more_a_cell(benchmark):
             columns, free = size + 2, np.isfinite(density).sum()
 
             def solve(density=density, columns=columns, size=size):
-                half = make_bordered_half(density, 1)
+                half = make_bordered_half_density(density, 1)
                 return compute_shortest_costs(
                     half, columns, columns + 1, size * columns + size, False
                 )
@@ -155,8 +155,8 @@ def test_large_maps_cost_no_more_a_cell(benchmark):
 def test_astar_beside_dijkstra(benchmark, span):
     density = rooms(1000)
     density = np.where(np.isinf(density), np.inf, 1 + (np.minimum(density, 11) - 1) / 10 * span)
-    half, columns = make_bordered_half(density, 1), 1002
-    scale = measure_costs(half)
+    half, columns = make_bordered_half_density(density, 1), 1002
+    scale = measure_cost_scale(half)
     free = np.argwhere(np.isfinite(density)) + 1
     pairs = np.random.default_rng(0).choice(free, (8, 2)) @ (columns, 1)
 
@@ -203,7 +203,7 @@ def test_all_movingai_scenarios(benchmark):
         count = worst = 0
         for path in find_scenario_files():
             density = read_map(find_map_file(path))
-            half, columns = make_bordered_half(density, 1), density.shape[1] + 2
+            half, columns = make_bordered_half_density(density, 1), density.shape[1] + 2
             for start, goal, optimal in read_all_scenarios(path):
                 source, target = ((row + 1) * columns + col + 1 for row, col in (start, goal))
                 length = compute_shortest_costs(half, columns, source, target, False)[target]

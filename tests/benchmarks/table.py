@@ -31,7 +31,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from locplan._support.files import check_folder, shorten_errors
+from locplan._support.files import check_writable_folder, translate_write_errors
 from locplan._support.output import replace_file
 from locplan.errors import LocplanError
 
@@ -172,7 +172,7 @@ def read(file: Path) -> list[Row]:
 
 def write(folder: Path, rows: Sequence[Row], machine: dict[str, str]) -> None:
     """The table as Markdown, CSV and JSON, each whole or not at all."""
-    with shorten_errors(folder):
+    with translate_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     plain = [asdict(row) for row in rows]
     with replace_file(folder / f"{NAME}.md") as file:
@@ -223,7 +223,7 @@ def main(given: Sequence[str] | None = None) -> int:
     if not 0 <= options.worse < 1:
         parser.error(f"--worse must be at least 0 and below 1, not {options.worse:g}")
     try:
-        check_folder(options.folder)
+        check_writable_folder(options.folder)
         last = read(options.compare) if options.compare else []
         raw, complete = measure(selected)
         rows = [row for measured in raw["benchmarks"] for row in rows_of(measured)]

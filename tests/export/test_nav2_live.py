@@ -166,7 +166,7 @@ def test_the_mask_is_served_as_it_was_made(tmp_path, costs, started, node):
     started("ros2", "launch", tmp_path / "mask" / "localizability.launch.xml")
     mask = latched(node, OccupancyGrid, "/localizability_keepout_mask")
     layer = CostmapInflation.from_parameters(read_parameters(tmp_path / "own.yaml"))
-    inflation = CostmapInflation.for_mask(costs, layer)
+    inflation = CostmapInflation.choose_for_mask(costs, layer)
     values, _ = compute_keepout_mask(costs, inflation=inflation)
     np.testing.assert_array_equal(np.reshape(mask.data, values.shape), values)
     info = latched(node, CostmapFilterInfo, "/localizability_keepout_info")

@@ -56,7 +56,7 @@ def test_no_inflation_hides_a_mask(corridors, name, radius, factor):
     values, conversion = compute_keepout_mask(corridors, planner=name, inflation=inflation)
     assert conversion.saturated_share == 0
     cost = planned.compute_costmap_costs(
-        corridors.grid, values, inflation.steep_variant or inflation
+        corridors.grid, values, inflation.steeper_layer or inflation
     )
     density = compute_mask_density(corridors, inflation)
     meant = Costmap.from_density(corridors.grid, np.where(np.isnan(density), np.inf, density))

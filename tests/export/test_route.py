@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support import oracles
 
-from locplan._support.kernels.search import make_bordered_half
+from locplan._support.kernels.search import make_bordered_half_density
 from locplan.export.kernels import route as kernels
 
 SHAPES = [(1, 1), (1, 9), (9, 1), (2, 2), (6, 8), (9, 7), (10, 10)]
@@ -34,7 +34,7 @@ def space_of(density, resolution, origin):
     """What the kernels take first: half the density, columns and frame."""
     x, y, yaw = origin
     frame = math.cos(yaw) / resolution, math.sin(yaw) / resolution, x, y
-    return make_bordered_half(density, 1), density.shape[1] + 2, frame
+    return make_bordered_half_density(density, 1), density.shape[1] + 2, frame
 
 
 def to_world(cells, resolution, origin):

@@ -11,9 +11,9 @@ from locplan._support.kernels.arrays import N_DONE, STOP
 from locplan._support.kernels.lidar import (
     BeamDisturbances,
     LidarBeams,
-    compute_information,
-    measure_ends,
-    move_ends,
+    add_end_noise,
+    compute_fisher_information,
+    simulate_measured_ends,
     write_scan_ends,
 )
 from locplan._support.kernels.rays import cast_ray, compute_empty_squares
@@ -43,7 +43,9 @@ def at_pose(occupied, resolution, row, col, heading, beams, of_ranges, normals=N
     one = [np.array([float(value)]) for value in (row, col, heading)]
     control = np.zeros(2, np.int64)
     squares = compute_empty_squares(occupied)
-    return compute_information(squares, normals, resolution, *one, beams, of_ranges, control)[0, 0]
+    return compute_fisher_information(
+        squares, normals, resolution, *one, beams, of_ranges, control
+    )[0, 0]
 
 
 def random_stops(shape, seed, density=0.08):
@@ -438,7 +440,7 @@ def measured(occupied, beams, seed, **disturbances):
     ends, pose = np.empty((beams.angles.size, 2)), np.array([20.5, 15.5, 0.0])
     of_beams = BeamDisturbances(**settings | disturbances)
     random, squares = np.random.default_rng(seed), compute_empty_squares(occupied)
-    measure_ends(random, squares, 0.1, pose, beams, of_beams, ends)
+    simulate_measured_ends(random, squares, 0.1, pose, beams, of_beams, ends)
     return np.hypot(*ends.T) * 0.1
 
 
@@ -472,7 +474,7 @@ def test_ends_move_along_their_beams_as_in_the_plain_loop():
         pose = row + 0.5, col + 0.5, heading
         write_scan_ends(squares, 0.1, *pose, beams, ends)
         for noisy in (np.zeros((60, 2)), noise):
-            move_ends(0.1, heading, beams, noisy, ends)
+            add_end_noise(0.1, heading, beams, noisy, ends)
             expected = oracles.beams.moved_ends(levels, 0.1, *pose, sensor, angles, noisy)
             np.testing.assert_allclose(ends, expected, atol=5e-5)  # levers are rounded
         moved += np.isfinite(ends[:, 0]).sum()
@@ -529,7 +531,7 @@ def test_a_batch_is_its_single_poses_and_can_be_stopped(of_ranges):
     rows, cols = np.array([20.5, 30.5, 40.5]), np.array([11.5, 30.5, 44.5])
     headings, control = np.array([0.0, 1.0]), np.zeros(2, np.int64)
     batch = squares, normals, 0.1, rows, cols, headings, beams, of_ranges
-    found = compute_information(*batch, control)
+    found = compute_fisher_information(*batch, control)
     assert found.shape == (3, 2, 3, 3)
     assert control[N_DONE] == 3
     for n in range(3):
@@ -539,8 +541,8 @@ def test_a_batch_is_its_single_poses_and_can_be_stopped(of_ranges):
             np.testing.assert_array_equal(single, single.T)
             assert np.linalg.eigvalsh(single).min() > -1e-9 * single.max()
     uncounted = control[: STOP + 1]
-    np.testing.assert_array_equal(compute_information(*batch, uncounted), found)
+    np.testing.assert_array_equal(compute_fisher_information(*batch, uncounted), found)
     assert control[N_DONE] == 3
     control[STOP] = 1
-    assert np.isnan(compute_information(*batch, control)).all()
-    assert np.isnan(compute_information(*batch, uncounted)).all()
+    assert np.isnan(compute_fisher_information(*batch, control)).all()
+    assert np.isnan(compute_fisher_information(*batch, uncounted)).all()

@@ -14,7 +14,7 @@ from support.maps import ascii_map
 import locplan
 from locplan.errors import FieldError, LocplanError
 from locplan.field import ESTIMATORS, Estimator, FieldConfig, SearchWindow
-from locplan.field.estimator import Layer
+from locplan.field.estimator import EstimatorLayer
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
@@ -22,7 +22,9 @@ class Own(Estimator):
     """Sound covariances and one layer."""
 
     name: ClassVar[str] = "own"
-    layers: ClassVar[tuple[Layer, ...]] = (Layer("row", "row", "cells", lambda _: (0.0, 9.0)),)
+    layers: ClassVar[tuple[EstimatorLayer, ...]] = (
+        EstimatorLayer("row", "row", "cells", lambda _: (0.0, 9.0)),
+    )
     reach = 1.0
     title = "own"
     turns = 60.0

@@ -28,13 +28,13 @@ from locplan.field import (
     scalar,
 )
 from locplan.field.beams import NORMAL_REACH, find_surface_normals
-from locplan.field.compute import find_standing_cells
+from locplan.field.compute import find_lidar_cells
 from locplan.field.covariance import average_information
 from locplan.field.estimator import MapPart
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
 from locplan.planning.layers import HeadingLayers
-from locplan.planning.metrics import compute_profile, crossed_cells
+from locplan.planning.metrics import compute_profile, find_cells_of_path
 from locplan.planning.ompl.motions import Motions
 from locplan.robots import LIDARS, Lidar
 
@@ -623,16 +623,16 @@ def test_where_it_faces_decides_how_it_turns_round(headed_costs):
 def test_paths_by_heading():
     grid = OccupancyGrid(np.full((1, 2), 254), resolution=3.0)
     path = Path([[0.0, 0.5], [4.0, 0.5]], [0.0, math.pi / 2])
-    heading, _, col, length = crossed_cells(grid, path, 4)
+    heading, _, col, length = find_cells_of_path(grid, path, 4)
     assert heading.tolist() == [0, 1, 1]
     assert col.tolist() == [0, 0, 1]
     assert length == pytest.approx([2.0, 1.0, 1.0])
     back = Path([[0.0, 0.5], [4.0, 0.5]], [0.1, 2 * math.pi - 0.1])
-    assert set(crossed_cells(grid, back, 4)[0].tolist()) == {0}
+    assert set(find_cells_of_path(grid, back, 4)[0].tolist()) == {0}
     turn = Path([[1.0, 0.5], [1.0, 0.5]], [0.0, -math.pi])
-    heading, _, col, length = crossed_cells(grid, turn, 4)
+    heading, _, col, length = find_cells_of_path(grid, turn, 4)
     assert (heading.tolist(), col.tolist(), length.tolist()) == ([0, 3, 2], [0, 0, 0], [0, 0, 0])
-    assert crossed_cells(grid, path, 7)[3].sum() == pytest.approx(4.0)
+    assert find_cells_of_path(grid, path, 7)[3].sum() == pytest.approx(4.0)
 
 
 def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
@@ -784,7 +784,7 @@ def test_an_empty_map_and_a_full_one_do_no_harm(estimator):
 def test_lattice_points_in_walls_are_looked_at_from_beside_them():
     free = random_rooms((30, 34), seed=4) == FREE
     rows, cols = np.indices(free.shape).reshape(2, -1)
-    at = find_standing_cells(free, rows, cols, 3)
+    at = find_lidar_cells(free, rows, cols, 3)
     for row, col, to_row, to_col in zip(rows, cols, *at, strict=True):
         near = np.argwhere(free[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4])
         if len(near) == 0:

@@ -13,7 +13,12 @@ from locplan.field import OffsetLattice, Sad, SearchWindow
 from locplan.field.estimator import MapPart
 from locplan.field.kernels import bitplanes
 from locplan.field.sad import Exponential, InverseSquare
-from locplan.field.sad_tiles import MapLayout, find_disc_blocks, find_kept_lines, scale_to_short
+from locplan.field.sad_tiles import (
+    MapLayout,
+    compute_short_scaling,
+    find_disc_blocks,
+    find_kept_lines,
+)
 from locplan.field.templates import disc
 from locplan.maps import FREE, load_map
 
@@ -48,7 +53,7 @@ def test_kept_lines_are_those_of_the_plain_loops(
     layout = write_cost_planes(cells, rows, cols, radius, window)
     exact = count_mismatches(layout)
     limit = int(np.quantile(exact.min(axis=2), 0.15)) >> shift
-    monkeypatch.setattr("locplan.field.sad_tiles.scale_to_short", lambda _: (limit, shift))
+    monkeypatch.setattr("locplan.field.sad_tiles.compute_short_scaling", lambda _: (limit, shift))
     found = kept(layout, limit << shift)
     sizes = [
         [(*at, edge) for at in zip(*find_disc_blocks(radius, edge), strict=True)] for edge in edges
@@ -170,13 +175,13 @@ def test_only_the_config_decides_whether_offsets_are_rejected():
 
 
 def test_limits_are_scaled_into_sixteen_bits():
-    assert scale_to_short(18240) == (18240, 0)
-    assert scale_to_short(65534) == (65534, 0)
-    assert scale_to_short(65535) == (32767, 1)
-    assert scale_to_short(131071) == (32767, 2)
-    assert scale_to_short(10**9) == (10**9 >> 14, 14)
+    assert compute_short_scaling(18240) == (18240, 0)
+    assert compute_short_scaling(65534) == (65534, 0)
+    assert compute_short_scaling(65535) == (32767, 1)
+    assert compute_short_scaling(131071) == (32767, 2)
+    assert compute_short_scaling(10**9) == (10**9 >> 14, 14)
     for greatest in (2**16, 2**20 - 1, 2**20, 123456789):
-        limit, shift = scale_to_short(greatest)
+        limit, shift = compute_short_scaling(greatest)
         assert limit < simd.MAX_SHORT
         assert limit << shift <= greatest < (limit + 1) << shift
 

@@ -17,7 +17,7 @@ from locplan._support.kernels.lidar import LidarBeams, write_scan_ends
 from locplan._support.kernels.likelihood import TOP
 from locplan._support.kernels.rays import compute_empty_squares
 from locplan.field import FieldConfig, OffsetLattice, Sad, Scan, SearchWindow
-from locplan.field.beams import find_wall_cells
+from locplan.field.beams import find_wall_surface_cells
 from locplan.field.estimator import MapPart
 from locplan.field.scan import make_likelihood_field
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
@@ -49,8 +49,8 @@ def run(levels, resolution, window, rows, cols, ends, *, temperature=TEMPERATURE
     field = make_likelihood_field(
         levels, resolution, window.step_cells, window.half_steps, **of_field
     )
-    lattice = likelihood.make_lattice(window.half_steps, window.angles)
-    weights = likelihood.make_weights(temperature * field.nats, ends.shape[1] * TOP)
+    lattice = likelihood.make_scan_lattice(window.half_steps, window.angles)
+    weights = likelihood.make_weight_tables(temperature * field.nats, ends.shape[1] * TOP)
     shape = len(rows), 1
     result = scan.LatticePosteriors(
         np.empty((*shape, 3)), np.empty((*shape, 3, 3)), np.empty(shape), np.empty(shape)
@@ -66,7 +66,7 @@ def run(levels, resolution, window, rows, cols, ends, *, temperature=TEMPERATURE
 
 def kernel_costs(field, window, row, col, ends):
     """Costs of one scan, (theta, dy, dx)."""
-    lattice = likelihood.make_lattice(window.half_steps, window.angles)
+    lattice = likelihood.make_scan_lattice(window.half_steps, window.angles)
     costs = lattice.empty.copy()
     scan.score_scan(field, lattice, row, col, ends, costs)
     planes = costs.reshape(len(window.angles), -1, lattice.width)
@@ -77,7 +77,7 @@ def kernel_costs(field, window, row, col, ends):
 
 def lattice_costs(values, half_steps):
     """Costs (theta, dy, dx) as the kernel has them, with the lattice they belong to."""
-    lattice = likelihood.make_lattice(half_steps, np.zeros(len(values)))
+    lattice = likelihood.make_scan_lattice(half_steps, np.zeros(len(values)))
     costs = lattice.empty.copy()
     costs.reshape(len(values), -1, lattice.width)[:, : lattice.offsets, : lattice.offsets] = values
     return lattice, costs
@@ -102,7 +102,7 @@ def test_costs_are_those_of_the_distances(resolution):
         (-field.first, size + field.first - n)
         for size, n in zip((rows, cols), levels.shape, strict=True)
     ]
-    solid = find_wall_cells(levels == OCCUPIED)
+    solid = find_wall_surface_cells(levels == OCCUPIED)
     squared = ndimage.distance_transform_edt(np.pad(1 - solid, margins, constant_values=1)) ** 2
     exact = -np.log((1 - Z_RAND) * np.exp(-squared * resolution**2 / 0.02) + Z_RAND) / field.nats
     costs = planes.transpose(2, 0, 3, 1).reshape(rows, cols)
@@ -118,7 +118,7 @@ def test_walls_are_hollow(level):
     levels = random_rooms((23, 31), seed=4, blocks=6)
     levels[5:13, 20:28] = level
     assert [
-        tuple(at) for at in np.argwhere(find_wall_cells(levels == OCCUPIED))
+        tuple(at) for at in np.argwhere(find_wall_surface_cells(levels == OCCUPIED))
     ] == oracles.scan.walls(levels)
 
 
@@ -182,7 +182,7 @@ def test_moments_equal_the_plain_loops(temperature, headings, half_steps):
     values[0, 0, 0] = 8_000_000  # 2,000 beams without a match
     lattice, costs = lattice_costs(values, half_steps)
     nats = temperature * -math.log(Z_RAND) / TOP
-    weights = likelihood.make_weights(nats, 8_190_000)
+    weights = likelihood.make_weight_tables(nats, 8_190_000)
     mode = np.zeros(costs.size // 64 + 1, np.uint64)
     mean, covariance = np.empty(3), np.empty((3, 3))
     entropy, outside = scan.compute_moments(lattice, weights, costs, mode, mean, covariance)
@@ -447,7 +447,7 @@ def test_the_beams_that_count_are_spread_over_the_lidars():
         np.testing.assert_allclose(np.diff(bearings), pitch, rtol=1e-9)
         assert bearings[0] - pitch < -90.0 <= bearings[0] + 1e-6
         assert bearings[-1] - 1e-6 <= 110.0 < bearings[-1] + pitch
-        own = np.degrees(lidar.angles[settings.beam_numbers]) + 10.0
+        own = np.degrees(lidar.angles[settings.nearest_beam_indices]) + 10.0
         assert abs(own - bearings).max() <= np.degrees(np.diff(lidar.angles)[0]) / 2 + 1e-5
 
 
@@ -456,6 +456,6 @@ def test_a_lidar_keeps_beams_as_far_apart_as_those_that_count():
     for width, beams in ((179.0, 180), (180.0, 181), (180.0, 61)):
         lidar = Settings(range=5.0, field_of_view_deg=width, beams=beams, mount_yaw_deg=-0.5)
         settings = Scan(lidar)
-        np.testing.assert_array_equal(settings.beam_numbers, np.arange(beams))
+        np.testing.assert_array_equal(settings.nearest_beam_indices, np.arange(beams))
         np.testing.assert_array_equal(settings.beams().angles, lidar.angles)
         assert settings.temperature == pytest.approx(min(1.0, 12.6 / 180 * width / (beams - 1)))

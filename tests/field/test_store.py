@@ -396,7 +396,7 @@ def test_what_was_read_was_used(grid, tmp_path):
 def test_map_without_free_cells_is_cached(tmp_path, monkeypatch):
     nothing = OccupancyGrid(np.zeros((5, 5), np.uint8), 0.1)
     assert not load_or_compute(nothing, QUICK_FIELD, cache_dir=tmp_path).is_evaluated.any()
-    monkeypatch.setattr("locplan.field.store.fill_chunks", None)
+    monkeypatch.setattr("locplan.field.store.compute_missing_chunks", None)
     assert not load_or_compute(nothing, QUICK_FIELD, cache_dir=tmp_path).is_evaluated.any()
 
 

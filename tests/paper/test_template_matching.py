@@ -8,7 +8,7 @@ from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, SearchWindow
 from locplan.field.templates import (
     BEHIND,
-    count_beams,
+    count_template_rays,
     cut_rotated_template,
     disc,
     local_map,
@@ -94,7 +94,9 @@ def test_in_the_open_everything_is_seen():
 def test_the_visible_part_equals_the_plain_loops():
     cells = random_rooms((50, 60), seed=13, blocks=20)
     for row, col, theta in ((25, 30, 0.0), (0, 0, 0.5), (40, 10, -1.0)):
-        expected = oracles.sad.visible_part(cells, row, col, 18, theta, count_beams(18), BEHIND)
+        expected = oracles.sad.visible_part(
+            cells, row, col, 18, theta, count_template_rays(18), BEHIND
+        )
         np.testing.assert_array_equal(visible_part(cells, row, col, 18, theta), expected)
 
 

@@ -11,7 +11,7 @@ from support.maps import random_rooms
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField, FieldConfig, Fisher, covariance_field, load_or_compute
 from locplan.field.cache import format_cache_table, list_cache_entries
-from locplan.field.lattice import fill_lacking, find_near_points, select_second_points
+from locplan.field.lattice import fill_lacking_points, find_near_points, select_every_second_point
 from locplan.maps import OccupancyGrid, environments, save_map
 from locplan.planning import Costmap, path_metrics, plan
 from locplan.planning.plans import plan_with_adaptive_field
@@ -33,7 +33,7 @@ def whole(grid) -> CovarianceField:
 
 @pytest.fixture(scope="module")
 def coarse(grid, whole) -> CovarianceField:
-    return covariance_field(grid, CONFIG, points=select_second_points(whole.is_evaluated))
+    return covariance_field(grid, CONFIG, points=select_every_second_point(whole.is_evaluated))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -41,7 +41,7 @@ def coarse(grid, whole) -> CovarianceField:
 def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
     grid = OccupancyGrid(random_rooms((61, 50), seed=seed), 0.1)
     needed = FieldConfig(stride=stride * 0.1).lattice_points(grid)
-    chosen = select_second_points(needed)
+    chosen = select_every_second_point(needed)
     assert not (chosen & ~needed).any()
     rows, cols = np.nonzero(needed & ~chosen)
     around = np.pad(chosen, 1)
@@ -50,7 +50,7 @@ def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
 
 
 def test_open_space_takes_a_quarter_of_the_points():
-    assert select_second_points(np.ones((40, 60), bool)).sum() == 600
+    assert select_every_second_point(np.ones((40, 60), bool)).sum() == 600
 
 
 def test_lacking_points_are_read_bilinearly():
@@ -58,7 +58,7 @@ def test_lacking_points_are_read_bilinearly():
     plane = 3 * row - 2 * col + 0.5 * row * col
     known = np.zeros(plane.shape, bool)
     known[::2, ::2] = True
-    read = fill_lacking(np.where(known, plane, np.nan), known, ~known)
+    read = fill_lacking_points(np.where(known, plane, np.nan), known, ~known)
     np.testing.assert_allclose(read, plane, atol=1e-12)
 
 
@@ -71,7 +71,7 @@ def test_points_near_a_cell_are_those_within_the_distance():
 
 
 def test_a_coarse_field_has_the_values_of_its_points_and_reads_all_others(grid, whole, coarse):
-    points = select_second_points(whole.is_evaluated)
+    points = select_every_second_point(whole.is_evaluated)
     np.testing.assert_array_equal(coarse.is_evaluated, points)
     np.testing.assert_array_equal(coarse.covariance[points], whole.covariance[points])
     np.testing.assert_array_equal(coarse.is_interpolated, whole.is_evaluated & ~points)

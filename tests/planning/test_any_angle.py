@@ -8,7 +8,7 @@ from support.costmaps import costmap_from_density, random_density
 from support.maps import ascii_map, random_rooms
 
 from locplan._support.kernels.rays import compute_segment_cost
-from locplan._support.kernels.search import make_bordered_half
+from locplan._support.kernels.search import make_bordered_half_density
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OccupancyGrid
 from locplan.planning import Costmap, Path, any_angle, path_metrics, plan
@@ -41,7 +41,7 @@ def crossed_blocked_cells(density, path: Path) -> list:
 def test_segment_costs_are_exact(seed):
     rng = np.random.default_rng(seed)
     density = rng.uniform(1, 9, (20, 25))
-    half = make_bordered_half(density, 1)
+    half = make_bordered_half_density(density, 1)
     for _ in range(60):
         line = rng.uniform(0, 1, 4) * (20, 25, 20, 25)
         if rng.random() < 0.3:
@@ -55,7 +55,7 @@ def test_segment_costs_are_exact(seed):
 def test_segments_are_blocked_where_they_meet_a_blocked_cell(seed, corner_cutting):
     rng = np.random.default_rng(seed)
     density = random_density((15, 15), seed, blocked=0.1)
-    half = make_bordered_half(density, 1)
+    half = make_bordered_half_density(density, 1)
     for _ in range(150):
         line = rng.uniform(0.1, 14.9, 4)
         if rng.random() < 0.5:
@@ -75,7 +75,7 @@ def test_segments_are_blocked_where_they_meet_a_blocked_cell(seed, corner_cuttin
 def test_a_line_along_a_blocked_cells_edge_touches_it(beside):
     density = np.ones((4, 6))
     density[beside, 3] = np.inf
-    half = make_bordered_half(density, 1)
+    half = make_bordered_half_density(density, 1)
     along = (3.0, 1.5, 3.0, 6.5)  # bordered: between rows 1 and 2
     assert compute_segment_cost(half, 8, *along, False) == np.inf
     expected = np.inf if beside == 2 else 5.0
@@ -88,7 +88,12 @@ def test_shortcuts_equal_the_plain_dynamic_programming(lookahead):
     density = rng.uniform(1, 5, (20, 20))
     positions = np.cumsum(rng.uniform(-0.5, 1.5, (15, 2)), axis=0) + 2
     kept = kernels.shortcut(
-        make_bordered_half(density, 1), 22, positions + 1, lookahead, False, float(density.min())
+        make_bordered_half_density(density, 1),
+        22,
+        positions + 1,
+        lookahead,
+        False,
+        float(density.min()),
     )
     chosen = positions[kept]
     cost = sum(oracles.lines.line_integral(density, *a, *b) for a, b in itertools.pairwise(chosen))
@@ -101,7 +106,7 @@ def test_32_moves_equal_the_plain_search(seed):
     density = random_density((12, 14), seed, blocked=0.15, greatest=4.0)
     density[0, 0] = density[-1, -1] = 1.0
     columns = 14 + 6
-    half = make_bordered_half(density, 3)
+    half = make_bordered_half_density(density, 3)
     moves = any_angle._make_straight_moves(columns, False)
     goal = (11 + 3) * columns + 13 + 3
     flat = kernels.cheapest_moves(half, 3 * columns + 3, goal, moves)
@@ -121,14 +126,16 @@ def test_shifting_equals_the_plain_loops(seed):
     rng = np.random.default_rng(seed)
     density = rng.uniform(1, 9, (20, 40))
     positions = np.column_stack([rng.uniform(8, 12, 9), np.linspace(2.2, 37.7, 9)])
-    shifted = kernels.shift(make_bordered_half(density, 1), 42, positions + 1, 0.7, 6, False)
+    shifted = kernels.shift(
+        make_bordered_half_density(density, 1), 42, positions + 1, 0.7, 6, False
+    )
     np.testing.assert_allclose(shifted - 1, oracles.search.shift(density, positions, 0.7, 6))
 
 
 def test_shifting_never_costs_more_and_finds_the_valley():
     rows, _ = np.mgrid[:21, :40]
     density = 1.0 + np.abs(rows - 10)
-    half = make_bordered_half(density, 1)
+    half = make_bordered_half_density(density, 1)
     positions = np.column_stack([np.full(9, 4.5), np.linspace(1.5, 40.5, 9)])
     shifted = kernels.shift(half, 42, positions, 1.0, 20, False)
     costs = [

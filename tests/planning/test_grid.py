@@ -12,7 +12,7 @@ from support.movingai import find_map_file, find_scenario_files, read_map, read_
 
 import locplan
 from locplan._support.kernels import search, ways
-from locplan._support.kernels.search import compute_shortest_costs, make_bordered_half
+from locplan._support.kernels.search import compute_shortest_costs, make_bordered_half_density
 from locplan.comparison import Execution, RandomQueries, compare
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -40,10 +40,10 @@ def corners(costs: Costmap):
 
 def searched(costs: Costmap, cutting: bool, *, guided=False, goal=True) -> search.SearchResult:
     """A search from the first cell, to the last one if there shall be a goal."""
-    half, columns = search.make_bordered_half(costs.density, 1), costs.grid.shape[1] + 2
+    half, columns = search.make_bordered_half_density(costs.density, 1), costs.grid.shape[1] + 2
     ends = columns + 1, half.size - columns - 2 if goal else -1
     return search.search_grid(
-        *(half, columns, *ends, cutting), search.measure_costs(half), guided=guided
+        *(half, columns, *ends, cutting), search.measure_cost_scale(half), guided=guided
     )
 
 
@@ -83,7 +83,7 @@ def test_of_equal_paths_all_searches_take_the_same():
         density[rng.random(density.shape) < rng.uniform(0, 0.4)] = np.inf
         cells = rng.integers(20, size=(2, 2))
         density[tuple(cells.T)] = 1.0
-        half, scale = search.make_bordered_half(density, 1), search.CostScale(1.0, 2.0, 1.5)
+        half, scale = search.make_bordered_half_density(density, 1), search.CostScale(1.0, 2.0, 1.5)
         source, goal = ((cells + 1) @ (22, 1)).tolist()
         found = [
             search.search_grid(half, 22, source, goal, False, scale, guided=guided)
@@ -130,8 +130,8 @@ def test_searches_agree_on_real_maps():
 def test_scenarios_have_their_optimal_lengths(guided):
     for path in find_scenario_files()[::2]:
         density = read_map(find_map_file(path))
-        half, columns = search.make_bordered_half(density, 1), density.shape[1] + 2
-        scale = search.measure_costs(half)
+        half, columns = search.make_bordered_half_density(density, 1), density.shape[1] + 2
+        scale = search.measure_cost_scale(half)
         for start, goal, optimal in read_scenarios(path):
             source, target = ((row + 1) * columns + col + 1 for row, col in (start, goal))
             found = search.search_grid(half, columns, source, target, False, scale, guided=guided)
@@ -192,8 +192,8 @@ def test_a_wall_that_costs_much_is_crossed(costly):
 
 def test_a_search_without_time_is_unfinished(monkeypatch):
     monkeypatch.setattr(search, "STRETCH", 10)
-    half = search.make_bordered_half(np.ones((30, 30)), 1)
-    arguments = half, 32, 33, -1, False, search.measure_costs(half)
+    half = search.make_bordered_half_density(np.ones((30, 30)), 1)
+    arguments = half, 32, 33, -1, False, search.measure_cost_scale(half)
     assert search.search_grid(*arguments).finished
     short = search.search_grid(*arguments, until=0.0)
     assert not short.finished
@@ -271,7 +271,7 @@ def test_lengths_are_optimal():
     files = find_scenario_files()
     for path in files:
         density = read_map(find_map_file(path))
-        width, half = density.shape[1] + 2, make_bordered_half(density, 1)
+        width, half = density.shape[1] + 2, make_bordered_half_density(density, 1)
         for start, goal, optimal in read_scenarios(path):
             source, target = ((row + 1) * width + col + 1 for row, col in (start, goal))
             cost = compute_shortest_costs(half, width, source, target, False)[target]

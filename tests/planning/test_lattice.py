@@ -15,9 +15,13 @@ from support.cases import sample_cases
 from support.maps import ascii_map
 
 from locplan import load_map
-from locplan._support.kernels.outlines import find_first_hit, find_swept_cells, sum_rows
+from locplan._support.kernels.outlines import (
+    find_first_hit,
+    find_swept_cells,
+    sum_occupied_along_rows,
+)
 from locplan._support.kernels.rays import compute_segment_cost
-from locplan._support.kernels.search import make_bordered_half
+from locplan._support.kernels.search import make_bordered_half_density
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, Path, check_path, path_cost, plan
@@ -58,7 +62,7 @@ def states_and_edges(costs: Costmap, planner: Lattice) -> dict:
     """All motions of the lattice by brute force: {(row, col, heading, gear): [(state, cost)]}."""
     grid, kinematics = costs.grid, costs.robot.kinematics
     radius = kinematics.turning_radius / grid.resolution
-    half = make_bordered_half(costs.density, 1)
+    half = make_bordered_half_density(costs.density, 1)
     edges = defaultdict(list)
     found = make_primitives(planner.headings, radius, kinematics is SIDEWAYS, planner.span)
     for each, row, col in itertools.product(found, *map(range, grid.shape)):
@@ -175,7 +179,7 @@ def test_swept_cells_are_those_of_plain_loops():
         assert np.array_equal(met, oracles.outlines.swept(outline.vertices, poses, reach))
         occupied = rng.random((20, 22)) < 0.01
         poses[:, :2] += 9
-        hit = find_first_hit(sum_rows(occupied), outline.vertices, poses)
+        hit = find_first_hit(sum_occupied_along_rows(occupied), outline.vertices, poses)
         assert hit == oracles.outlines.find_first_hit(occupied, outline.vertices, poses)
 
 
@@ -540,10 +544,10 @@ def ground_and_poses(seed, kind, blocked=0.02):
     rng = np.random.default_rng(seed)
     density = rng.uniform(1, 5, (24, 24))
     density[rng.random(density.shape) < blocked] = np.inf
-    half = make_bordered_half(density, 1)
+    half = make_bordered_half_density(density, 1)
     poses = np.column_stack([rng.uniform(6, 20, (8, 2)), rng.uniform(-3, 3, 8)])
     free = [math.isfinite(density[int(y) - 1, int(x) - 1]) for x, y, _ in poses]
-    ground = motions.MotionGround(half[None], 26, 0.0, True)
+    ground = motions.MotionCostmap(half[None], 26, 0.0, True)
     return ground, np.pad(density, 1, constant_values=np.inf), poses[free]
 
 
@@ -583,7 +587,7 @@ def test_the_straightest_chain_and_shifted_knots_are_those_of_plain_loops(kind):
         ground, _, knots = ground_and_poses(seed, kind, blocked=0.0)
         ground, drive = ground._replace(corner_cutting=False), made_drive(kind, 0.0)
         walls = np.random.default_rng(seed).random((24, 24)) < 0.01
-        body = smoothing.CollisionMap(sum_rows(walls), LONG.vertices * 5)
+        body = smoothing.CollisionMap(sum_occupied_along_rows(walls), LONG.vertices * 5)
         own = np.full(len(knots) - 1, 90.0)
 
         def cost_of(start, end, drive=drive, body=body, ground=ground):
@@ -616,10 +620,10 @@ def test_a_curve_is_clear_where_no_pose_along_it_meets_a_wall():
         start, end = ((*rng.uniform(5, 20, 2), rng.uniform(-3, 3)) for _ in range(2))
         drive, body = (
             made_drive(DUBINS, 0.0),
-            smoothing.CollisionMap(sum_rows(walls), LONG.vertices * 5),
+            smoothing.CollisionMap(sum_occupied_along_rows(walls), LONG.vertices * 5),
         )
         clear = smoothing.is_curve_clear(drive, body, start, end)
-        poses = motions.motion_poses(DUBINS, drive.radius, start, end) - np.array([1, 1, 0])
+        poses = motions.sample_motion_poses(DUBINS, drive.radius, start, end) - np.array([1, 1, 0])
         assert clear == (oracles.outlines.find_first_hit(walls, LONG.vertices * 5, poses) < 0)
         outcomes.add(clear)
     assert outcomes == {True, False}

@@ -27,7 +27,7 @@ from locplan.maps import (
 )
 from locplan.maps.figures import map_figure
 from locplan.planning import Costmap, describe_map, plan
-from locplan.planning.figures import info_figure
+from locplan.planning.figures import map_info_figure
 from locplan.planning.metrics import compare_lidars
 
 TWO_ROOMS = (
@@ -222,7 +222,7 @@ def test_a_map_of_one_cell(level, tmp_path):
     assert info.warnings
     json.dumps(info.summary(), allow_nan=False)
     assert "1 x 1 cells" in info.report()
-    save_figure(info_figure(info), tmp_path / "one.png")
+    save_figure(map_info_figure(info), tmp_path / "one.png")
 
 
 def test_a_map_without_free_cells(tmp_path):
@@ -230,7 +230,7 @@ def test_a_map_without_free_cells(tmp_path):
     assert info.rooms == info.pairs == ()
     assert any("no cell is free" in warning for warning in info.warnings)
     assert "no room for a robot of radius 0.2" in info.report()
-    save_figure(info_figure(info), tmp_path / "none.png")
+    save_figure(map_info_figure(info), tmp_path / "none.png")
 
 
 def test_a_robot_that_fits_nowhere_and_one_smaller_than_a_cell():
@@ -337,7 +337,7 @@ def test_cells_closer_than_a_distance_are_those_of_less_clearance(resolution):
 def test_the_picture_has_numbered_lines_rooms_and_places():
     grid = ascii_map(*TWO_ROOMS)
     info = describe_map(OccupancyGrid(grid.cells, 1.0, (5.0, -2.0, 0.3), "lab"), robot=0.0)
-    figure = info_figure(info)
+    figure = map_info_figure(info)
     (axes,) = figure.axes
     assert axes.get_title().startswith("lab: 14 x 5 m, 1 m a cell, yaw 17.19 deg\n2 rooms")
     figure.canvas.draw()
@@ -368,7 +368,7 @@ def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
 @pytest.mark.parametrize("resolution", [0.2, 2.0, 5.0])
 def test_at_most_24_grid_lines_are_drawn_and_no_fewer_than_9(resolution):
     grid = OccupancyGrid(ascii_map(*TWO_ROOMS).cells, resolution, (0.0, 0.0, 0.0))
-    (axes,) = info_figure(describe_map(grid, robot=0.0)).axes
+    (axes,) = map_info_figure(describe_map(grid, robot=0.0)).axes
     spacing = np.diff(axes.get_xticks())[0]
     assert 9 < max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) / spacing <= 24
 

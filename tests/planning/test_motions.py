@@ -16,7 +16,7 @@ from locplan.planning import Costmap, path_metrics
 from locplan.planning.kernels import curves, motions
 from locplan.planning.ompl.motions import Motions
 
-SHORTEST = {"Dubins": curves.dubins, "ReedsShepp": curves.reeds_shepp}
+SHORTEST = {"Dubins": curves.dubins, "ReedsShepp": curves.find_reeds_shepp_curve}
 SPACES = {"Dubins": base.DubinsStateSpace, "ReedsShepp": base.ReedsSheppStateSpace}
 
 
@@ -63,9 +63,9 @@ def test_dubins_never_drives_back_and_both_turn_at_least_at_the_radius():
         turns, lengths = curves.dubins(*start, *end)
         assert (lengths >= 0).all()
         assert set(turns) <= {-1, 0, 1}
-        back = curves.reeds_shepp(*end, *start)[1]
+        back = curves.find_reeds_shepp_curve(*end, *start)[1]
         assert np.abs(back).sum() == pytest.approx(
-            np.abs(curves.reeds_shepp(*start, *end)[1]).sum()
+            np.abs(curves.find_reeds_shepp_curve(*start, *end)[1]).sum()
         )
 
 
@@ -93,7 +93,7 @@ def test_arcs_cross_the_borders_that_tiny_steps_find(seed):
 def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
     rng = np.random.default_rng(7)
     density = random_costs(11, blocked=blocked).density
-    half = search.make_bordered_half(density, 1)[None]
+    half = search.make_bordered_half_density(density, 1)[None]
     columns = density.shape[1] + 2
     outcomes = set()
     for _ in range(12):
@@ -105,7 +105,7 @@ def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
         expected = oracles.curves.motion_cost(density, turns, lengths, radius, start, step=2e-3)
         shifted = [(x + 1, y + 1, heading) for x, y, heading in (start, end)]
         cost = motions.motion_cost(
-            motions.MotionGround(half, columns, 0.0, True), kind, radius, *shifted
+            motions.MotionCostmap(half, columns, 0.0, True), kind, radius, *shifted
         )
         outcomes.add(math.isinf(cost))
         assert cost == pytest.approx(expected, rel=2e-3)

@@ -12,7 +12,7 @@ from locplan.errors import LocplanError
 from locplan.field import CovarianceField, load_config
 from locplan.maps import FREE, OccupancyGrid, load_map
 from locplan.planning import Costmap, Path, path_cost, path_metrics, plan, random_queries
-from locplan.planning.metrics import compute_profile, crossed_cells
+from locplan.planning.metrics import compute_profile, find_cells_of_path
 from locplan.planning.queries import read_queries
 
 ANGLED = Path([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]])
@@ -36,7 +36,7 @@ def test_resampling_keeps_turns_on_the_spot():
     fine = path.resample(0.4)
     assert fine.heading[:5] == pytest.approx([3.0, 3.0, 3.0, 3.0, 2 * np.pi - 3.0])
     grid = OccupancyGrid(np.full((2, 2), FREE), 0.7)
-    (heading, _, _, lengths), other = (crossed_cells(grid, each, 64) for each in (path, fine))
+    (heading, _, _, lengths), other = (find_cells_of_path(grid, each, 64) for each in (path, fine))
     assert np.array_equal(np.unique(heading), np.unique(other[0]))
     np.testing.assert_allclose(np.bincount(heading, lengths), np.bincount(other[0], other[3]))
 

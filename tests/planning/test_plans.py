@@ -73,7 +73,7 @@ def test_no_path_crosses_zone_on_real_map(name):
 def costs_from_corner(density, corner_cutting) -> np.ndarray:
     """The kernel's costs from cell (0, 0), (H, W)."""
     rows, columns = density.shape[0] + 2, density.shape[1] + 2
-    half = search.make_bordered_half(density, 1)
+    half = search.make_bordered_half_density(density, 1)
     cost = search.compute_shortest_costs(half, columns, columns + 1, -1, corner_cutting)
     return cost.reshape(rows, columns)[1:-1, 1:-1]
 

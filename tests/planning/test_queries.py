@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.machine import SHARED_DATA
 
-from locplan._support.tables import write_rows
+from locplan._support.tables import write_csv_rows
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -66,10 +66,12 @@ FORMULAS = ("=HYPERLINK(1)", "-dock", "+1", "-1e3", "@x", "'=a", "''-b", "'c", "
 
 
 def test_names_are_read_as_they_were_written_and_are_no_formulas(tmp_path):
-    write_rows(tmp_path / "stations.csv", ("name", "x", "y"), [(n, -1.0, 2.0) for n in FORMULAS])
+    write_csv_rows(
+        tmp_path / "stations.csv", ("name", "x", "y"), [(n, -1.0, 2.0) for n in FORMULAS]
+    )
     assert tuple(each.name for each in read_stations(tmp_path / "stations.csv")) == FORMULAS
     columns = ("name", "start_x", "start_y", "goal_x", "goal_y")
-    write_rows(tmp_path / "queries.csv", columns, [(n, -1.0, 2.0, 3.0, 4.0) for n in FORMULAS])
+    write_csv_rows(tmp_path / "queries.csv", columns, [(n, -1.0, 2.0, 3.0, 4.0) for n in FORMULAS])
     assert tuple(each.name for each in read_queries(tmp_path / "queries.csv")) == FORMULAS
     cells = [row.split(",")[:2] for row in (tmp_path / "stations.csv").read_text().split()[1:]]
     names = ["'=HYPERLINK(1)", "'-dock", "+1", "-1e3", "'@x", "''=a", "'''-b", "'c", "plain"]

@@ -67,7 +67,7 @@ class Straight:
 FORMAT = '''
 from dataclasses import dataclass
 
-from locplan.export.registry import ExportOptions, ExportSummary, option_field
+from locplan.export.registry import ExportOptions, ExportSummary, make_option_field
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +183,7 @@ from locplan.comparison.runs import run_from_plan
 from locplan.comparison.statistics import RUN_COLUMNS, RunTask
 from locplan.field.config import FieldConfig
 from locplan.field.sad import Gaussian
-from locplan.planning.metrics import LidarShare, make_lidar_table
+from locplan.planning.metrics import LidarDegeneracy, make_lidar_table
 from locplan.robots.presets import describe_preset, list_applicable_presets
 from locplan.simulation.race import CANDIDATE_COLUMNS
 

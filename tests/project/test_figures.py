@@ -7,7 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from locplan import Scan, covariance_field
-from locplan._support.drawing import Picture, make_logarithmic
+from locplan._support.drawing import NotebookFigure, make_logarithmic
 from locplan.field import FieldConfig
 from locplan.field.figures import draw_field, field_figure
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -192,7 +192,7 @@ def test_a_well_marked_map_has_no_weak_spot_in_words():
     ],
 )
 def test_scales_have_some_round_numbers_and_not_too_many(ends):
-    axes = Picture().subplots()
+    axes = NotebookFigure().subplots()
     make_logarithmic(axes.xaxis)
     axes.set_xlim(*ends)
     found = axes.xaxis.get_majorticklocs()
@@ -236,7 +236,7 @@ def test_numbers_of_points_keep_apart():
 
 
 def test_numbers_of_logarithmic_axes_are_plain():
-    figure = Picture(layout="constrained")
+    figure = NotebookFigure(layout="constrained")
     axes = figure.subplots()
     axes.plot([0.3, 2.0], [1.0, 2.0])
     make_logarithmic(axes.xaxis)

@@ -32,7 +32,7 @@ from locplan.field import (
     load_or_compute,
 )
 from locplan.field.cache import CacheWarning, cache_folder, format_cache_table, list_cache_entries
-from locplan.field.compute import find_standing_cells
+from locplan.field.compute import find_lidar_cells
 from locplan.field.store import field_path
 from locplan.maps import OccupancyGrid, load_map, save_map
 from locplan.maps.files import map_name_from_file
@@ -402,7 +402,7 @@ def test_of_the_nearest_free_cells_that_of_the_lowest_row_and_then_column_is_tak
     free, at = np.zeros((40, 40), bool), (np.array([20]), np.array([20]))
     for row, col in reversed(every):
         free[20 + row, 20 + col] = True
-        rows, cols = find_standing_cells(free, *at, reach)
+        rows, cols = find_lidar_cells(free, *at, reach)
         assert (rows.tolist(), cols.tolist()) == ([20 + row], [20 + col])
 
 
@@ -410,7 +410,7 @@ def test_a_long_stride_looks_only_as_far_as_the_nearest_free_cell():
     free = np.ones((3, 1000), bool)
     free[:, 5] = False
     at = np.array([1]), np.array([5])
-    rows, cols = find_standing_cells(free, *at, 10**15)
+    rows, cols = find_lidar_cells(free, *at, 10**15)
     assert (rows.tolist(), cols.tolist()) == ([1], [4])
 
 

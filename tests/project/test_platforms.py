@@ -10,7 +10,7 @@ from support.cases import sample_cases
 from support.costmaps import EMPTY_ROOM, ROOM_ENDS, blank_room
 
 import locplan
-from locplan._support.output import clear_abandoned, strip_staging_folder, temporary_folder
+from locplan._support.output import clear_abandoned_folders, strip_staging_folder, temporary_folder
 from locplan.comparison import Execution, compare
 from locplan.errors import LocplanError
 
@@ -86,7 +86,7 @@ def test_temporary_folder_without_locks_is_not_abandoned(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "fcntl", None)
     with temporary_folder(tmp_path) as folder:
         monkeypatch.undo()
-        clear_abandoned(tmp_path)
+        clear_abandoned_folders(tmp_path)
         assert folder.exists()
         assert strip_staging_folder(f"{folder}/new/plan.csv") == f"{tmp_path}/plan.csv"
     assert not folder.exists()

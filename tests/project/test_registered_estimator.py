@@ -13,7 +13,7 @@ from support.maps import ascii_map
 import locplan
 from locplan.errors import ConfigError
 from locplan.field import ESTIMATORS, Estimator, FieldConfig, OffsetLattice, SearchWindow
-from locplan.field.estimator import Layer, MapPart
+from locplan.field.estimator import EstimatorLayer, MapPart
 from locplan.field.figures import field_figure
 
 
@@ -25,8 +25,8 @@ class FromTheRight(Estimator):
     version: ClassVar[int] = 1
     remedy: ClassVar[str] = "stay at the left"
     weight: ClassVar[float] = 9.0
-    layers: ClassVar[tuple[Layer, ...]] = (
-        Layer("column", "column of the cell", "cells", lambda _: (0.0, 100.0)),
+    layers: ClassVar[tuple[EstimatorLayer, ...]] = (
+        EstimatorLayer("column", "column of the cell", "cells", lambda _: (0.0, 100.0)),
     )
 
     slope: float = 0.01

@@ -18,7 +18,7 @@ from locplan.comparison.journal import RunJournal
 from locplan.comparison.statistics import PlannerRun, RunTask
 from locplan.errors import ConfigError
 from locplan.field import SearchWindow
-from locplan.field.compute import find_standing_cells
+from locplan.field.compute import find_lidar_cells
 from locplan.planning import random_queries
 from locplan.planning.ompl.planner import Ompl
 from locplan.robots import Amcl, Disturbances, Lidar
@@ -175,9 +175,9 @@ def test_a_lidar_in_a_wall_moves_to_the_nearest_free_cell_however_far_it_may():
     free = np.zeros((40, 50), bool)
     free[5, 7] = free[8, 4] = free[30, 45] = True
     rows, cols = np.array([5, 6, 39, 0]), np.array([7, 4, 49, 49])
-    near = find_standing_cells(free, rows, cols, 3)
+    near = find_lidar_cells(free, rows, cols, 3)
     assert [each.tolist() for each in near] == [[5, 8, 39, 0], [7, 4, 49, 49]]
-    far = find_standing_cells(free, rows, cols, 10**9)
+    far = find_lidar_cells(free, rows, cols, 10**9)
     assert [each.tolist() for each in far] == [[5, 8, 30, 30], [7, 4, 45, 45]]
 
 

@@ -9,7 +9,7 @@ from support.cases import sample_cases
 from support.maps import ascii_map
 
 import locplan
-from locplan._support.drawing import Picture
+from locplan._support.drawing import NotebookFigure
 from locplan._support.tables import format_table
 from locplan.export import ros_map
 from locplan.export.figures import values_figure
@@ -71,7 +71,7 @@ def test_names_are_shown_as_they_are_in_every_picture(name):
 
 
 def test_numbers_at_axes_stay_formulas():
-    figure = Picture()
+    figure = NotebookFigure()
     axes = figure.add_subplot()
     axes.plot([1, 1000], [1, 1000])
     axes.set(xscale="log", title="10$^2$")

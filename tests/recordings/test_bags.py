@@ -513,7 +513,7 @@ def test_transforms_that_no_pose_needs_are_left_out():
 
 def test_memory_is_taken_by_what_is_kept(tmp_path):
     """Of the moving transforms two samples a scan are kept, however many were recorded."""
-    track = poses.Track([1.0, 2.0, 3.0])
+    track = poses.TransformTrack([1.0, 2.0, 3.0])
     for n in range(4000):
         track.add(n / 1000, (n, *poses.IDENTITY[1:]))
     assert track._before.shape == track._after.shape == (3, 8)
@@ -525,14 +525,14 @@ def test_samples_that_arrive_late_are_used():
     samples = [0.5, 0.9, 1.2, 1.95, 2.1, 2.9, 3.3, 3.6, 4.2]
     wanted = np.array(times) * 10
     for seed in range(20):
-        track = poses.Track(times)
+        track = poses.TransformTrack(times)
         for time in np.random.default_rng(seed).permutation(samples):
             track.add(float(time), (10 * float(time), *poses.IDENTITY[1:]))
         np.testing.assert_allclose(track.interpolate()[:, 0], wanted)
 
 
 def test_a_quaternion_and_its_negative_are_the_same_turn():
-    track = poses.Track([1.0])
+    track = poses.TransformTrack([1.0])
     for time, yaw, sign in ((0.9, 0.4, 1.0), (1.1, 0.6, -1.0)):
         turn = (sign * math.sin(yaw / 2), sign * math.cos(yaw / 2))
         track.add(time, (yaw, 0.0, 0.0, 0.0, 0.0, *turn))

@@ -226,7 +226,7 @@ def test_blocks_are_drawn_as_a_whole():
     poses = np.column_stack([np.arange(0, 80, 0.5), np.zeros(160), np.zeros(160)])
     blocks = of_intervals.assign_blocks(poses)
     assert np.bincount(blocks).tolist() == [20] * 8
-    drawn = of_intervals.draw_blocks(blocks)
+    drawn = of_intervals.count_block_draws(blocks)
     assert (drawn.sum(axis=1) == 160).all()
     assert (drawn.reshape(len(drawn), 8, 20).std(axis=2) == 0).all()
     value, low, high = of_intervals.estimate_block_mean(blocks.astype(float), blocks)

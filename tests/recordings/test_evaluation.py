@@ -16,7 +16,7 @@ from support.small_drive import FILE, MAP
 
 from locplan import Lidar, Scan, load_map
 from locplan._support.kernels import likelihood, posterior
-from locplan._support.kernels.likelihood import TOP, make_lattice
+from locplan._support.kernels.likelihood import TOP, make_scan_lattice
 from locplan.errors import ConfigError, RecordingError
 from locplan.field import SearchWindow
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -56,7 +56,7 @@ def test_posteriors_are_those_of_the_plain_loops():
     ends[random.random(ends.shape[:2]) < 0.2] = np.nan
     mean, covariance = np.empty((3, 3)), np.empty((3, 3, 3))
     best, summary = np.empty((3, 3), np.int64), np.empty((3, 3))
-    lattice = make_lattice(window.half_steps, window.angles)
+    lattice = make_scan_lattice(window.half_steps, window.angles)
     recorded_posteriors(field, lattice, cells, ends, share, mean, covariance, best, summary)
     table = likelihood.tabulate_costs(resolution, 0.1, 0.05)
     nats = -math.log(0.05) / TOP

@@ -21,7 +21,7 @@ from locplan.maps.grid import world_to_map_frame
 from locplan.recordings import Recording, replay
 from locplan.recordings.figures import replay_figure
 from locplan.robots import Amcl, Disturbances, Robot
-from locplan.robots.particles import compared_ends
+from locplan.robots.particles import compute_compared_ends
 from locplan.simulation import Simulator, drive_open
 from locplan.simulation.drives import LOST_DISTANCE, LOST_TEXT
 from locplan.simulation.worlds import make_path_poses
@@ -103,7 +103,7 @@ def test_the_filter_gets_the_beams_of_the_scans_that_it_gets_in_simulation(grid,
     lidar = dataclasses.replace(LIDAR, range_sigma=1e-6)
     amcl = Amcl(laser_model_type=model, max_beams=30, laser_max_range=6.0, laser_min_range=2.5)
     drive = simulate_recording(grid, line[:20], lidar=lidar, disturbances=quiet)
-    ends = compared_ends(amcl, drive.lidar, drive.ranges) / RESOLUTION
+    ends = compute_compared_ends(amcl, drive.lidar, drive.ranges) / RESOLUTION
     here = Simulator(grid, robot=Robot(lidar, filter=amcl, disturbances=quiet))
     expected = naive_ends(here, line[:20])
     assert ends == pytest.approx(expected, abs=1e-4, nan_ok=True)
@@ -112,13 +112,13 @@ def test_the_filter_gets_the_beams_of_the_scans_that_it_gets_in_simulation(grid,
 
 def naive_ends(here, line):
     """Ends of the beams that the simulated filter gets at some poses [cells]."""
-    from locplan._support.kernels.lidar import measure_ends
+    from locplan._support.kernels.lidar import simulate_measured_ends
 
     found = np.empty((len(line), len(here.arguments.lidar.angles), 2))
     for n, (x, y, heading) in enumerate(
         world_to_map_frame(here.grid, line) / (RESOLUTION, RESOLUTION, 1)
     ):
-        measure_ends(
+        simulate_measured_ends(
             np.random.default_rng(0),
             here.worlds[0],
             RESOLUTION,

@@ -112,7 +112,7 @@ def test_the_best_way_is_the_likeliest_of_all():
         candidates = random.uniform(-1, 1, (3, 5, 3))
         gains, moves = random.uniform(-9, 0, (3, 5)), random.uniform(-1, 1, (5, 3))
         deviations = random.uniform(0.1, 0.6, (5, 3))
-        way = kernels.find_likeliest_way(candidates, gains, moves, deviations, 1e-9)
+        way = kernels.find_likeliest_candidates(candidates, gains, moves, deviations, 1e-9)
         assert tuple(way) == oracles.trajectories.best_way(
             candidates, gains, moves, deviations, 1e-9
         )
@@ -129,8 +129,8 @@ def test_blocks_are_solved_and_inverted_as_the_whole_matrix():
         diagonal[n] += both[3:, 3:]
         beside[n] = both[3:, :3]
     vector, step = random.standard_normal((6, 3)), np.empty((6, 3))
-    equations = least_squares.Equations(diagonal, beside, vector)
-    least_squares.solve_blocks(equations, 0.0, step)
+    equations = least_squares.NormalEquations(diagonal, beside, vector)
+    least_squares.solve_block_tridiagonal(equations, 0.0, step)
     whole = oracles.trajectories.whole_matrix(diagonal, beside)
     assert step.ravel() == pytest.approx(-np.linalg.solve(whole, vector.ravel()))
     own, across = np.empty((6, 3, 3)), np.empty((6, 3, 3))
@@ -159,9 +159,9 @@ def test_the_equations_of_odometry_are_the_slope_of_its_loss():
     _, field, ends = small_scene()
     drive, poses = some_drive(ends * np.nan)
     beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
-    equations = least_squares.Equations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
+    equations = least_squares.NormalEquations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
     least_squares.write_normal_equations(field, beams, drive, poses, equations)
-    slope, rest = equations.vector.copy(), least_squares.Equations(*map(np.copy, equations))
+    slope, rest = equations.vector.copy(), least_squares.NormalEquations(*map(np.copy, equations))
     for n, axis in np.ndindex(6, 3):
         step = np.zeros((6, 3))
         step[n, axis] = 1e-6
@@ -177,7 +177,7 @@ def test_refined_poses_lose_less_and_follow_odometry_where_scans_say_nothing():
     _, field, ends = small_scene()
     drive, poses = some_drive(ends)
     beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
-    equations = least_squares.Equations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
+    equations = least_squares.NormalEquations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
     before = least_squares.write_normal_equations(field, beams, drive, poses, equations)
     found = poses.copy()
     after = least_squares.refine_poses(field, beams, drive, found, 20)

@@ -17,7 +17,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, Zone, Zones
 from locplan.robots import Disturbances, Kinematics
 from locplan.simulation import Arrivals, ClosedLoopSettings, Simulator, drive_closed, simulate
-from locplan.simulation.arrivals import Arrival
+from locplan.simulation.arrivals import ClosedLoopDrive
 from locplan.simulation.driver import compute_route_key
 
 QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
@@ -391,7 +391,7 @@ def test_drives_say_where_robots_stop_end_and_leave_the_path():
     truth[:, 0] = np.arange(40) * 0.1
     truth[10:20, 1] = truth[30:35, 1] = 0.7
     path = line((0.0, 0.0), (4.0, 0.0))
-    found = Arrivals((Arrival.from_drive("arrived", truth, truth, path),))
+    found = Arrivals((ClosedLoopDrive.from_drive("arrived", truth, truth, path),))
     assert [(each["what"], each["x"]) for each in found.places().records()] == [
         ("leaves the path by 0.5 m", pytest.approx(1.0)),
         ("leaves the path by 0.5 m", pytest.approx(3.0)),

@@ -24,7 +24,7 @@ from locplan.simulation import (
     drive_open,
     simulate,
 )
-from locplan.simulation.arrivals import Arrival
+from locplan.simulation.arrivals import ClosedLoopDrive
 from locplan.simulation.driver import FIRST_CHOOSING_DRIVE, FIRST_FRESH_DRIVE, compute_route_key
 from locplan.simulation.verdict import DriveSet, compare_drives
 
@@ -86,7 +86,9 @@ def test_world_flips_the_share_of_boundary_cells(noise):
     robot = dataclasses.replace(ROBOT, disturbances=Disturbances(boundary_noise=noise))
     simulator = Simulator(room(200, 300), robot)
     boundary, stops = simulator.boundary, simulator.stops
-    flips = np.array([simulator.make_stage().find_occupied_cells(7, n) != stops for n in range(40)])
+    flips = np.array(
+        [simulator.make_world_region().find_occupied_cells(7, n) != stops for n in range(40)]
+    )
     assert not flips[:, ~boundary].any()
     count = 40 * boundary.sum()
     share = flips[:, boundary].mean()
@@ -95,15 +97,15 @@ def test_world_flips_the_share_of_boundary_cells(noise):
         cells = flips[:, boundary].astype(float)
         assert abs(np.corrcoef(cells[0], cells[1])[0, 1]) < 4 / np.sqrt(cells.shape[1])
         assert abs((cells[:, 1:] * cells[:, :-1]).mean() - noise**2) < 0.005
-        assert (simulator.make_stage().find_occupied_cells(8, 0) != (flips[0] ^ stops)).any()
-        other = Simulator(room(200, 300), robot, seed=2).make_stage()
+        assert (simulator.make_world_region().find_occupied_cells(8, 0) != (flips[0] ^ stops)).any()
+        other = Simulator(room(200, 300), robot, seed=2).make_world_region()
         assert (other.find_occupied_cells(7, 0) != (flips[0] ^ stops)).any()
 
 
 def test_world_does_not_depend_on_the_part():
     simulator = Simulator(room(200, 300), ROBOT)
-    far = simulator.make_line(np.array([[22.0, 14.0, 0.0], [24.0, 14.0, 0.0]]))
-    whole, part = simulator.make_stage(), simulator.make_stage([far])
+    far = simulator.make_drive_poses(np.array([[22.0, 14.0, 0.0], [24.0, 14.0, 0.0]]))
+    whole, part = simulator.make_world_region(), simulator.make_world_region([far])
     assert min(each.start for each in part.window) > 0
     assert part.stops.shape != whole.stops.shape
     for number in (0, FIRST_CHOOSING_DRIVE):
@@ -115,7 +117,8 @@ def test_world_has_the_same_noise_beside_an_object():
     grid = room(200, 300)
     with_pole = mark_objects(grid, Pole(0.2), np.array([[4.0, 3.0, 0.0]]))
     one, other = (
-        Simulator(each, ROBOT).make_stage().find_occupied_cells(3, 0) for each in (grid, with_pole)
+        Simulator(each, ROBOT).make_world_region().find_occupied_cells(3, 0)
+        for each in (grid, with_pole)
     )
     rows, cols = np.nonzero(one != other)
     assert rows.size
@@ -237,7 +240,7 @@ def test_verdict_compares_rates_of_reached_goals():
     place = (0.0, 0.0, 0.0)
 
     def arrivals(*outcomes: str) -> Arrivals:
-        return Arrivals(tuple(Arrival(outcome, 1.0, place, place) for outcome in outcomes))
+        return Arrivals(tuple(ClosedLoopDrive(outcome, 1.0, place, place) for outcome in outcomes))
 
     one = DriveSet.from_drives([drives], [arrivals("arrived", "aborted")])
     two = DriveSet.from_drives([drives], [arrivals("arrived"), arrivals("arrived")])

@@ -15,7 +15,15 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.robots import Amcl, Odometry
 from locplan.simulation import LEVELS, NO_FAULT, Level, Simulator, drive_open, select_levels
 from locplan.simulation.drives import LOST_DISTANCE
-from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TURNS, Kink, find_kink
+from locplan.simulation.levels import (
+    KINKED_MAP,
+    REVERSAL,
+    SLIP,
+    STANDSTILL,
+    TURNS,
+    MapKink,
+    find_kink,
+)
 from locplan.simulation.worlds import make_path_poses
 
 LIDAR = Lidar(range=5.0, beams=60)
@@ -184,7 +192,7 @@ def test_kinked_map_equals_turned_cells(origin, angle):
     grid = corridor()
     grid = OccupancyGrid(grid.cells, 0.1, origin)
     x, y = (float(at) for at in grid.grid_to_world(20.0, 110.5))
-    kink = Kink(x, y, origin[2])
+    kink = MapKink(x, y, origin[2])
     kinked = kink.turn_map(grid, angle)
     cells = np.argwhere(grid.cells != UNKNOWN)
     # Off borders between values, so that the nearest cell of both maps has one value.
@@ -196,7 +204,7 @@ def test_kinked_map_equals_turned_cells(origin, angle):
     clear = np.array([(r, c) for r, c in inner if abs(c - 110) > 5 + 16 * abs(math.tan(angle))])
     xy = np.column_stack(grid.grid_to_world(*(clear.T + 0.5)))
     behind = clear[:, 1] > 110
-    assert (kink.is_behind(xy) == behind).all()
+    assert (kink.are_in_turned_part(xy) == behind).all()
     turned = np.where(behind[:, None], kink.turn_positions(xy, angle), xy)
     rows, cols = (np.floor(at).astype(int) for at in kinked.world_to_grid(*turned.T))
     assert (kinked.cells[rows, cols] == grid.cells[clear[:, 0], clear[:, 1]]).all()

@@ -171,7 +171,9 @@ def test_the_first_share_above_a_value_is_found_from_anywhere():
         for near in range(40):
             assert particles.find_first_above(value, shares, near) == expected
     expected = np.searchsorted(shares * 40, np.arange(41) * shares[-1], side="right")
-    np.testing.assert_array_equal(particles.build_guide(shares), np.minimum(expected, 39))
+    np.testing.assert_array_equal(
+        particles.index_cumulative_shares(shares), np.minimum(expected, 39)
+    )
 
 
 def test_particles_are_drawn_as_often_as_they_weigh():
@@ -195,7 +197,7 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
         pose = np.array([12.3, 13.7, 0.7 * seed])
         random = np.random.default_rng(seed)
         lidar, of_beams = here.arguments.lidar, here.arguments.disturbances
-        lidars.measure_ends(random, squares, RESOLUTION, pose, lidar, of_beams, ends)
+        lidars.simulate_measured_ends(random, squares, RESOLUTION, pose, lidar, of_beams, ends)
         expected = oracles.particles.measured_ends(
             np.random.default_rng(seed),
             grid.cells,
@@ -218,7 +220,7 @@ def test_outliers_and_occlusions_come_as_often_as_asked():
     for _ in range(2000):
         pose = np.array([45.0, 45.0, 0.0])
         disturbances = here.arguments.disturbances
-        lidars.measure_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
+        lidars.simulate_measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
         at = np.hypot(*ends.T) * RESOLUTION
         returned += np.isfinite(at).mean() / 2000
         values, counts = np.unique(at[np.isfinite(at)].round(9), return_counts=True)
@@ -304,7 +306,7 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
         random,
         truth,
         reported,
-        drives.World(
+        drives.DrivenWorld(
             compute_empty_squares(world.cells == OCCUPIED),
             RESOLUTION,
             truth[:, [1, 0, 2]] / (RESOLUTION, RESOLUTION, 1),

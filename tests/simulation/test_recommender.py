@@ -42,7 +42,7 @@ from locplan.planning.plans import plan_with_shortest
 from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
 from locplan.robots.parts import Inflation
 from locplan.simulation import Arrivals, Simulator, drive_closed
-from locplan.simulation.arrivals import Arrival
+from locplan.simulation.arrivals import ClosedLoopDrive
 from locplan.simulation.figures import recommendation_figure
 from locplan.simulation.problem import MINIMISED, RecommendationSettings
 from locplan.simulation.race import compute_log_errors
@@ -300,12 +300,12 @@ def test_without_drives_or_a_field_the_shortest_is_taken(grid, costs):
 
 def test_the_settings_that_are_compared_keep_the_robots_own_particles_and_beams():
     own = Amcl(max_particles=700, max_beams=31, alpha1=0.4)
-    rival = RecommendationSettings().find_rival(own)
+    rival = RecommendationSettings().find_rival_settings(own)
     assert (rival.max_particles, rival.max_beams, rival.alpha1) == (700, 31, 0.4)
     assert (rival.update_min_d, rival.update_min_a) == (0.1, 0.1)
-    assert RecommendationSettings().find_rival(rival) is None
-    assert RecommendationSettings(rival=own).find_rival(Amcl()) == own
-    assert RecommendationSettings(rival=None).find_rival(own) is None
+    assert RecommendationSettings().find_rival_settings(rival) is None
+    assert RecommendationSettings(rival=own).find_rival_settings(Amcl()) == own
+    assert RecommendationSettings(rival=None).find_rival_settings(own) is None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -320,8 +320,8 @@ class Wrapped:
 
 
 def test_beside_a_filter_that_is_no_amcl_no_parameters_are_driven():
-    assert RecommendationSettings().find_rival(Wrapped()) is None
-    assert RecommendationSettings(rival=Amcl()).find_rival(Wrapped()) is None
+    assert RecommendationSettings().find_rival_settings(Wrapped()) is None
+    assert RecommendationSettings(rival=Amcl()).find_rival_settings(Wrapped()) is None
 
 
 @pytest.mark.long
@@ -1132,7 +1132,7 @@ def arriving(count, drives=16):
     """Closed-loop drives of which some arrive."""
     here = (0.0, 0.0, 0.0)
     outcomes = ["arrived"] * count + ["aborted"] * (drives - count)
-    return Arrivals(tuple(Arrival(each, 1.0, here, here) for each in outcomes))
+    return Arrivals(tuple(ClosedLoopDrive(each, 1.0, here, here) for each in outcomes))
 
 
 def with_arrivals(choice, shortest, leader):

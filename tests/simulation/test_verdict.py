@@ -18,7 +18,7 @@ from locplan import Lidar, OccupancyGrid, Robot, place_landmarks, repair
 from locplan.advice import Pole, verify_landmarks
 from locplan.advice.landmarks import Verification, VerificationDrives as LandmarkDrives
 from locplan.advice.preset_choice import USER_SETTINGS, LevelCase, choose_preset
-from locplan.advice.trials import RouteDrives, compare_fix, confirm_fixes, select_fixes, try_fix
+from locplan.advice.trials import DrivesOnRoutes, compare_fix, confirm_fixes, select_fixes, try_fix
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Amcl
 from locplan.robots.presets import list_applicable_presets
@@ -275,7 +275,7 @@ class DrawnSite:
         """Drive with the best of some fixes, since they do not add up."""
         row = min((int(kind) for kind in kinds), key=lambda n: self.errors[n].mean(), default=0)
         errors, lost = (each[row][:, numbers] for each in (self.errors, self.lost))
-        return RouteDrives(errors, lost, np.where(lost, 0.0, np.nan), lost)
+        return DrivesOnRoutes(errors, lost, np.where(lost, 0.0, np.nan), lost)
 
     def recommend(self):
         """Return the fixes that a check recommends."""
@@ -315,7 +315,7 @@ class AdditiveSite(DrawnSite):
         row = max(rows, default=0)
         lost = self.lost[row][:, numbers]
         errors = self.errors[row] - self.errors[row].mean() + self.errors[0].mean() + effect
-        return RouteDrives(errors[:, numbers], lost, np.where(lost, 0.0, np.nan), lost)
+        return DrivesOnRoutes(errors[:, numbers], lost, np.where(lost, 0.0, np.nan), lost)
 
 
 def test_check_combines_fixes_that_add_up():
@@ -422,7 +422,7 @@ def test_callers_agree_on_the_same_drives():
         word = compare_drives(*sets).word
         landmarks = Verification(*(LandmarkDrives((drives,)) for drives in both), None, {}, 1)
         outcomes = [
-            RouteDrives(
+            DrivesOnRoutes(
                 each.log_error.reshape(3, 16),
                 each.lost.reshape(3, 16),
                 np.empty((3, 16)),

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from locplan.app.explorer.explorer import Explorer, open_explorer
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
@@ -72,7 +72,7 @@ def serve(
     grid: OccupancyGrid, field: CovarianceField, *, port: int = 0, **options: Any
 ) -> Iterator[Explorer]:
     """Serve the page of a map whose field is there."""
-    opening = Opening(field.config, **({"robot": Robot(LIDAR)} | options))
+    opening = StartSettings(field.config, **({"robot": Robot(LIDAR)} | options))
     with open_explorer(grid, opening, port=port, field=field) as explorer:
         yield explorer
 

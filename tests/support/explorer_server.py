@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from websockets.sync.client import ClientConnection, connect
 
 from locplan.app.explorer.explorer import Explorer, open_explorer
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from support.machine import TIMEOUT
 
 
@@ -26,7 +26,7 @@ class Server:
 @contextmanager
 def serve(grid, config, **opening):
     """Yield a server whose field is there."""
-    with open_explorer(grid, Opening(config, **opening)) as explorer:
+    with open_explorer(grid, StartSettings(config, **opening)) as explorer:
         explorer.session.wait()
         yield Server(explorer)
 

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 import locplan
-from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.scene import StartSettings
 from locplan.app.explorer.session import Session
 from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -36,7 +36,7 @@ def corridors() -> tuple[OccupancyGrid, CovarianceField]:
 def open_corridors(**opening) -> Session:
     """Return a session with the corridors' field."""
     grid, field = corridors()
-    session = Session(grid, Opening(field.config, **{"robot": ROBOT} | opening))
+    session = Session(grid, StartSettings(field.config, **{"robot": ROBOT} | opening))
     session.begin(field)
     session.wait()
     return session
@@ -50,7 +50,7 @@ def rooms(seed: int = 3, yaw: float = 0.0) -> OccupancyGrid:
 
 def open_session(grid: OccupancyGrid, config: FieldConfig = SAD, **opening) -> Session:
     """Return a session whose field is there."""
-    session = Session(grid, Opening(config, **{"robot": SMALL, **opening}))
+    session = Session(grid, StartSettings(config, **{"robot": SMALL, **opening}))
     session.begin()
     session.wait()
     return session

@@ -17,7 +17,7 @@ import numpy as np
 from hypothesis import strategies as st
 from PIL import Image
 
-from locplan._support.output import Output
+from locplan._support.output import ResultOutput
 from locplan._support.runs import RunRecord, format_run, running
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
 from locplan.comparison.journal import RunJournal
@@ -346,7 +346,7 @@ READERS = {
     "outputs": Reader(
         saved,
         "run.yaml",
-        lambda file: Output(file.parent, "choice", True).check(),
+        lambda file: ResultOutput(file.parent, "choice", True).check(),
         may_refuse=False,
     ),
     "field": Reader(field_arrays, "field.npz", CovarianceField.load, ARRAYS),

@@ -25,7 +25,7 @@ def simulate_recording(
     `odometry` replaces the simulated one, (n, 3).
     """
     from locplan._support.kernels.drives import simulate_odometry
-    from locplan._support.kernels.lidar import measure_ends
+    from locplan._support.kernels.lidar import simulate_measured_ends
 
     disturbances = dataclasses.replace(disturbances or Disturbances(), worlds=1)
     simulator = Simulator(grid, robot=Robot(lidar, disturbances=disturbances), seed=seed, threads=1)
@@ -36,7 +36,7 @@ def simulate_recording(
     beams = simulator.arguments.lidar._replace(angles=lidar.angles)
     ranges, ends = np.empty((len(line), lidar.beams)), np.empty((lidar.beams, 2))
     for n, (x, y, heading) in enumerate(own):
-        measure_ends(
+        simulate_measured_ends(
             random,
             simulator.worlds[0],
             grid.resolution,

@@ -13,7 +13,7 @@ from numba import njit
 
 from locplan._support.kernels import particles
 from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
-from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
+from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, simulate_measured_ends
 from locplan._support.kernels.particles import BeamScores, FilterSettings, wrap_angle
 
 NOW, COUNT, BINS, UPDATES, UPDATED, AT = range(6)
@@ -42,15 +42,15 @@ class FilterState(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def start_filter(
-    random: Random, first: Floats, start: StartSpread, settings: FilterSettings
+    random: Random, first_pose: Floats, deviations: StartSpread, settings: FilterSettings
 ) -> FilterState:
     """Draw a filter's particles around a first pose with a random error of the same deviations."""
     max_particles = settings.max_particles
     clouds, weights = np.empty((2, 3, max_particles)), np.full(max_particles, 1 / max_particles)
     poses = clouds[0]
-    sigma = np.array([start.position, start.position, start.heading])
+    sigma = np.array([deviations.position, deviations.position, deviations.heading])
     for axis in range(3):
-        poses[axis] = first[axis] + sigma[axis] * random.standard_normal()
+        poses[axis] = first_pose[axis] + sigma[axis] * random.standard_normal()
     histogram = particles.make_histogram(max_particles)
     bins = np.int64(0)  # the constant 0 has a type of its own
     for n in range(max_particles):
@@ -63,11 +63,16 @@ def start_filter(
 
 
 @njit(nogil=True, cache=True)
-def is_update_due(tracker: FilterState, reported: Floats, n: int, settings: FilterSettings) -> bool:
+def is_update_due(
+    filter_state: FilterState, reported: Floats, pose_index: int, settings: FilterSettings
+) -> bool:
     """True if odometry (n, 3) has moved or turned far enough since the last update."""
-    last = tracker.state[UPDATED]
-    dx, dy = reported[n, 0] - reported[last, 0], reported[n, 1] - reported[last, 1]
-    turn = wrap_angle(reported[n, 2] - reported[last, 2])
+    last = filter_state.state[UPDATED]
+    dx, dy = (
+        reported[pose_index, 0] - reported[last, 0],
+        reported[pose_index, 1] - reported[last, 1],
+    )
+    turn = wrap_angle(reported[pose_index, 2] - reported[last, 2])
     return max(abs(dx), abs(dy)) > settings.update_min_d or abs(turn) > settings.update_min_a
 
 
@@ -140,25 +145,27 @@ def correct_particles(
 
 
 @njit(nogil=True, cache=True)
-def estimate_pose(tracker: FilterState, reported: Floats, n: int) -> tuple[float, float, float]:
-    """Return the filter's pose at pose `n`: the last resampled pose, moved by odometry since."""
-    pose, at = tracker.pose, tracker.state[AT]
+def estimate_pose(
+    filter_state: FilterState, reported: Floats, pose_index: int
+) -> tuple[float, float, float]:
+    """Return the filter's pose at pose `pose_index`: the last resampled pose, moved by odometry since."""
+    pose, at = filter_state.pose, filter_state.state[AT]
     cos, sin = np.cos(pose[2] - reported[at, 2]), np.sin(pose[2] - reported[at, 2])
-    x, y = reported[n, 0] - reported[at, 0], reported[n, 1] - reported[at, 1]
+    x, y = reported[pose_index, 0] - reported[at, 0], reported[pose_index, 1] - reported[at, 1]
     return (
         pose[0] + cos * x - sin * y,
         pose[1] + sin * x + cos * y,
-        pose[2] + reported[n, 2] - reported[at, 2],
+        pose[2] + reported[pose_index, 2] - reported[at, 2],
     )
 
 
 @njit(nogil=True, cache=True)
-def write_cloud_covariance(tracker: FilterState, covariance: Floats) -> None:
+def write_cloud_covariance(filter_state: FilterState, covariance: Floats) -> None:
     """Write the covariance of all particles, as AMCL publishes it, into `covariance` (3, 3).
 
     The heading has its circular variance, and no covariance with the position.
     """
-    poses, count = tracker.clouds[tracker.state[NOW]], tracker.state[COUNT]
+    poses, count = filter_state.clouds[filter_state.state[NOW]], filter_state.state[COUNT]
     x, y = poses[0, :count].mean(), poses[1, :count].mean()
     xx = xy = yy = cos = sin = 0.0
     for n in range(count):
@@ -185,7 +192,7 @@ class OdometryErrors(NamedTuple):
     turn_bias: float  # deviation between drives of the factor on turns
 
 
-class World(NamedTuple):
+class DrivenWorld(NamedTuple):
     """World, which may differ from the filter's map, and the robot's poses in it."""
 
     squares: Octets  # (4, H + 2, W + 2) from `rays.compute_empty_squares`
@@ -223,7 +230,7 @@ def simulate_drive(
     random: Random,
     truth: Floats,
     reported: Floats,
-    world: World,
+    world: DrivenWorld,
     scores: BeamScores,
     lidar: LidarBeams,
     disturbances: BeamDisturbances,
@@ -260,7 +267,7 @@ def simulate_drive(
         if due:
             advance_particles(random, tracker, reported, n, settings)
         if due or n == 0:
-            measure_ends(
+            simulate_measured_ends(
                 random, world.squares, world.resolution, world.poses[n], lidar, disturbances, ends
             )
             for b in range(len(ends)):  # the filter measures in cells of its map
@@ -275,11 +282,11 @@ def simulate_drive(
 @njit(nogil=True, cache=True)
 def replay_filter(
     random: Random,
-    first: Floats,
+    first_pose: Floats,
     reported: Floats,
     ends: Floats,
     scores: BeamScores,
-    start: StartSpread,
+    deviations: StartSpread,
     settings: FilterSettings,
     poses: Floats,
     covariances: Floats,
@@ -290,7 +297,7 @@ def replay_filter(
     ----------
     random : numpy.random.Generator
         Source of all random numbers.
-    first : (3,) array
+    first_pose : (3,) array
         Pose around which the filter starts, in the axes of the map [m, m, rad].
     reported : (n, 3) array
         Poses by odometry at the scans, in any frame [m, m, rad].
@@ -303,7 +310,7 @@ def replay_filter(
     covariances : (n, 3, 3) array
         Filled with the covariance of the particles at resamplings, and with NaN elsewhere.
     """
-    tracker = start_filter(random, first, start, settings)
+    tracker = start_filter(random, first_pose, deviations, settings)
     for n in range(len(reported)):
         due = is_update_due(tracker, reported, n, settings)
         if due:

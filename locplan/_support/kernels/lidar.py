@@ -53,7 +53,7 @@ def compute_lidar_offset(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def write_scan_ends(
-    squares: Octets,
+    empty_squares: Octets,
     resolution: float,
     row: float,
     col: float,
@@ -68,7 +68,7 @@ def write_scan_ends(
 
     Parameters
     ----------
-    squares : (4, H + 2, W + 2) array of uint8
+    empty_squares : (4, H + 2, W + 2) array of uint8
         The map as `rays.compute_empty_squares`.
     resolution : float
         Edge of a cell [m].
@@ -85,7 +85,7 @@ def write_scan_ends(
     for b in range(lidar.angles.size):
         bearing = heading + lidar.yaw + lidar.angles[b]
         dx, dy = np.cos(bearing), np.sin(bearing)
-        at, hit_row, hit_col = cast_ray(squares, from_row, from_col, dy, dx, max_range)
+        at, hit_row, hit_col = cast_ray(empty_squares, from_row, from_col, dy, dx, max_range)
         if not 0 < at < np.inf or at < min_range:  # at 0 the lidar itself is within a wall
             ends[b] = np.nan
             continue
@@ -97,7 +97,7 @@ def write_scan_ends(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def move_ends(
+def add_end_noise(
     resolution: float, heading: float, lidar: LidarBeams, noise: Floats, ends: Floats
 ) -> None:
     """Move the ends of the beams outwards by ``noise[b, 0]`` [m] and ``noise[b, 1]`` of the range.
@@ -123,9 +123,9 @@ class BeamDisturbances(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def measure_ends(
+def simulate_measured_ends(
     random: Random,
-    squares: Octets,
+    empty_squares: Octets,
     resolution: float,
     pose: Floats,
     lidar: LidarBeams,
@@ -155,7 +155,7 @@ def measure_ends(
     near = LidarBeams(
         lidar.angles, lidar.forward, lidar.left, lidar.yaw, lidar.sigma, 0.0, lidar.max_range
     )
-    write_scan_ends(squares, resolution, row, col, heading, near, ends)
+    write_scan_ends(empty_squares, resolution, row, col, heading, near, ends)
     lever_x, lever_y = compute_lidar_offset(lidar, heading, resolution)
     min_range, reach = lidar.min_range / resolution, lidar.max_range / resolution
     occluded = random.random() < disturbances.occlusion
@@ -184,8 +184,8 @@ def measure_ends(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def compute_information(
-    squares: Octets,
+def compute_fisher_information(
+    empty_squares: Octets,
     normals: Singles,
     resolution: float,
     rows: Floats,
@@ -199,7 +199,7 @@ def compute_information(
 
     Parameters
     ----------
-    squares : (4, H + 2, W + 2) array of uint8
+    empty_squares : (4, H + 2, W + 2) array of uint8
         The map as `rays.compute_empty_squares`.
     normals : (H, W, 2) array of float32
         Unit normals (row, col) of the cells that stop a beam; beams at zero normals are ignored.
@@ -236,7 +236,7 @@ def compute_information(
             xx = xy = yy = xt = yt = tt = 0.0
             for b in range(lidar.angles.size):
                 dx, dy = beam_x[k, b], beam_y[k, b]
-                at, hit_row, hit_col = cast_ray(squares, row, col, dy, dx, max_range)
+                at, hit_row, hit_col = cast_ray(empty_squares, row, col, dy, dx, max_range)
                 if not 0 < at < np.inf or at < min_range:  # at 0 the lidar itself is within a wall
                     continue
                 ny, nx = normals[hit_row, hit_col, 0], normals[hit_row, hit_col, 1]

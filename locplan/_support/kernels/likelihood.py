@@ -139,7 +139,7 @@ class WeightTables(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def make_lattice(half_steps: int, angles: Floats) -> ScanLattice:
+def make_scan_lattice(half_steps: int, angles: Floats) -> ScanLattice:
     """Return the lattice of ``2 * half_steps + 1`` offsets along x and y, and headings [rad]."""
     offsets = 2 * half_steps + 1
     width = -(-offsets // SHORTS) * SHORTS
@@ -155,9 +155,11 @@ def make_lattice(half_steps: int, angles: Floats) -> ScanLattice:
 
 
 @njit(nogil=True, cache=True)
-def make_weights(nats: float, max_cost: int) -> WeightTables:
+def make_weight_tables(nats_per_cost: float, max_cost: int) -> WeightTables:
     """Return tables of weights for costs up to `max_cost`, or until weights are negligible."""
     # Offsets whose log-probability is 30 nats below the greatest are left out.
-    multiples = int(min(30.0 / nats, float(max_cost))) // FINE + 1
-    coarse = np.exp(-nats * FINE * np.arange(multiples))
-    return WeightTables(coarse, np.exp(-nats * np.arange(FINE)), multiples * FINE - 1, nats)
+    multiples = int(min(30.0 / nats_per_cost, float(max_cost))) // FINE + 1
+    coarse = np.exp(-nats_per_cost * FINE * np.arange(multiples))
+    return WeightTables(
+        coarse, np.exp(-nats_per_cost * np.arange(FINE)), multiples * FINE - 1, nats_per_cost
+    )

@@ -25,39 +25,41 @@ TOUCH = 1e-9
 class CollisionMap(NamedTuple):
     """Outline of the robot, and the occupied cells that it must not meet."""
 
-    sums: Ints  # see `sum_rows`
+    sums: Ints  # see `sum_occupied_along_rows`
     outline: Floats  # (k, 2) corners [cells]; none for a circle, which the density keeps clear
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_first_hit(sums: Ints, outline: Floats, poses: Floats) -> int:
+def find_first_hit(row_sums: Ints, outline: Floats, poses: Floats) -> int:
     """Return the index of the first move in which the outline meets an occupied cell, or -1.
 
     Parameters
     ----------
-    sums : (H, W + 1) array
-        Number of the occupied cells before each column of a row, see `sum_rows`.
+    row_sums : (H, W + 1) array
+        Number of the occupied cells before each column of a row, see `sum_occupied_along_rows`.
     outline : (k, 2) array
         Corners ahead and left of the centre [cells].
     poses : (n, 3) array
         The poses.
     """
-    rows, columns = sums.shape[0], sums.shape[1] - 1
+    rows, columns = row_sums.shape[0], row_sums.shape[1] - 1
     corners, hull = allocate_hull(outline)
-    for n in range(len(poses) - 1):
-        parts = count_turn_parts(poses, n)
-        for part in range(parts):
-            size, top, bottom = write_part_hull(corners, hull, outline, poses, n, part, parts)
+    for move_index in range(len(poses) - 1):
+        n_parts = count_move_parts(poses, move_index)
+        for part in range(n_parts):
+            size, top, bottom = write_part_hull(
+                corners, hull, outline, poses, move_index, part, n_parts
+            )
             for row in range(max(0, top), min(rows, bottom + 1)):
                 left, right = find_hull_columns(hull, size, row)
                 left, right = max(0, left), min(columns, right + 1)
-                if left < right and sums[row, right] > sums[row, left]:
-                    return n
+                if left < right and row_sums[row, right] > row_sums[row, left]:
+                    return move_index
     return -1
 
 
 @njit(nogil=True, cache=True)
-def sum_rows(occupied: Bools) -> Array:
+def sum_occupied_along_rows(occupied: Bools) -> Array:
     """Return the number of occupied cells before each column of a row, (H, W + 1)."""
     rows, columns = occupied.shape
     sums = np.zeros((rows, columns + 1), np.int32)
@@ -72,10 +74,12 @@ def find_swept_cells(outline: Floats, poses: Floats, reach: int) -> Array:
     """Return the cells (2 reach + 1, 2 reach + 1) that the outline meets, around cell (0, 0)."""
     met = np.zeros((2 * reach + 1, 2 * reach + 1), np.bool_)
     corners, hull = allocate_hull(outline)
-    for n in range(len(poses) - 1):
-        parts = count_turn_parts(poses, n)
-        for part in range(parts):
-            size, top, bottom = write_part_hull(corners, hull, outline, poses, n, part, parts)
+    for move_index in range(len(poses) - 1):
+        n_parts = count_move_parts(poses, move_index)
+        for part in range(n_parts):
+            size, top, bottom = write_part_hull(
+                corners, hull, outline, poses, move_index, part, n_parts
+            )
             for row in range(top, bottom + 1):
                 left, right = find_hull_columns(hull, size, row)
                 for col in range(left, right + 1):
@@ -91,41 +95,47 @@ def allocate_hull(outline: Floats) -> tuple[Array, Array]:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def write_part_hull(
-    corners: Array, hull: Array, outline: Floats, poses: Floats, n: int, part: int, parts: int
+    corners: Array,
+    hull: Array,
+    outline: Floats,
+    poses: Floats,
+    move_index: int,
+    part: int,
+    n_parts: int,
 ) -> tuple[int, int, int]:
     """Write the hull of the outlines at both ends of a part; return its size and row limits."""
-    write_end_outlines(corners, outline, poses, n, part, parts)
+    write_end_outlines(corners, outline, poses, move_index, part, n_parts)
     size = write_convex_hull(corners, hull)
     top, bottom = find_hull_rows(hull, size)
     return size, top, bottom
 
 
 @njit(inline="always")
-def compute_turn(poses: Floats, n: int) -> float:
+def compute_turn(poses: Floats, move_index: int) -> float:
     """Return the turn from one pose to the next, the shorter way [rad]."""
-    turn = poses[n + 1, 2] - poses[n, 2] if n + 1 < len(poses) else 0.0
+    turn = poses[move_index + 1, 2] - poses[move_index, 2] if move_index + 1 < len(poses) else 0.0
     return turn - 2 * math.pi * round(turn / (2 * math.pi))
 
 
 @njit(inline="always")
-def count_turn_parts(poses: Floats, n: int) -> int:
+def count_move_parts(poses: Floats, move_index: int) -> int:
     """Return the number of parts of a move."""
-    return max(1, math.ceil(abs(compute_turn(poses, n)) / PART - 1e-9))
+    return max(1, math.ceil(abs(compute_turn(poses, move_index)) / PART - 1e-9))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def write_end_outlines(
-    corners: Array, outline: Floats, poses: Floats, n: int, part: int, parts: int
+    corners: Array, outline: Floats, poses: Floats, move_index: int, part: int, n_parts: int
 ) -> None:
     """Write the corners of the outlines at both ends of a part of a move."""
-    turn, after = compute_turn(poses, n), min(n + 1, len(poses) - 1)
-    grown = 1 / math.cos(turn / parts / 2)
+    turn, after = compute_turn(poses, move_index), min(move_index + 1, len(poses) - 1)
+    grown = 1 / math.cos(turn / n_parts / 2)
     for end in range(2):
-        share = (part + end) / parts
-        heading = poses[n, 2] + turn * share
+        share = (part + end) / n_parts
+        heading = poses[move_index, 2] + turn * share
         cos, sin = grown * math.cos(heading), grown * math.sin(heading)
-        x = poses[n, 0] + share * (poses[after, 0] - poses[n, 0])
-        y = poses[n, 1] + share * (poses[after, 1] - poses[n, 1])
+        x = poses[move_index, 0] + share * (poses[after, 0] - poses[move_index, 0])
+        y = poses[move_index, 1] + share * (poses[after, 1] - poses[move_index, 1])
         for k in range(len(outline)):
             at = end * len(outline) + k
             corners[at, 0] = x + cos * outline[k, 0] - sin * outline[k, 1]

@@ -24,7 +24,7 @@ EXTENT = 1 << 20
 
 
 @njit(nogil=True, cache=True)
-def build_guide(shares: Floats) -> Ints:
+def index_cumulative_shares(shares: Floats) -> Ints:
     """Return the index of the first share above each of n + 1 equal steps up to the last."""
     count = len(shares)
     guide = np.full(count + 1, count - 1)
@@ -37,9 +37,9 @@ def build_guide(shares: Floats) -> Ints:
 
 
 @njit(nogil=True, cache=True)
-def find_first_above(value: float, shares: Floats, near: int) -> int:
-    """Return the index of the first share above a value, or the last; search from `near`."""
-    at = near
+def find_first_above(value: float, shares: Floats, first_guess: int) -> int:
+    """Return the index of the first share above a value, or the last; search from `first_guess`."""
+    at = first_guess
     while at > 0 and shares[at - 1] > value:
         at -= 1
     while at < len(shares) - 1 and shares[at] <= value:
@@ -105,7 +105,7 @@ def make_histogram(max_particles: int) -> PoseHistogram:
 
 
 @njit(nogil=True, cache=True)
-def find_slot(histogram: PoseHistogram, key: int) -> int:
+def find_hash_slot(histogram: PoseHistogram, key: int) -> int:
     """Return the slot of a bin in the hash table, or the free slot for a new bin."""
     mask = histogram.bin_of.size - 1
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
@@ -125,35 +125,35 @@ def compute_bin_key(x: float, y: float, heading: float) -> int:
 
 
 @njit(nogil=True, cache=True)
-def clear_histogram(histogram: PoseHistogram, bins: int) -> None:
-    """Empty a histogram of `bins` bins."""
-    for n in range(bins):
+def clear_histogram(histogram: PoseHistogram, n_bins: int) -> None:
+    """Empty a histogram of `n_bins` bins."""
+    for n in range(n_bins):
         histogram.bin_of[histogram.slots[n]] = FREE
 
 
 @njit(nogil=True, cache=True)
 def insert_particle(
-    histogram: PoseHistogram, bins: int, particle: int, x: float, y: float, heading: float
+    histogram: PoseHistogram, n_bins: int, particle: int, x: float, y: float, heading: float
 ) -> int:
     """Put a particle into its bin; return the new number of bins."""
     key = compute_bin_key(x, y, heading)
-    slot = find_slot(histogram, key)
+    slot = find_hash_slot(histogram, key)
     if histogram.bin_of[slot] == FREE:
-        histogram.bin_of[slot] = bins
-        histogram.keys[bins] = key
-        histogram.slots[bins] = slot
-        bins += 1
+        histogram.bin_of[slot] = n_bins
+        histogram.keys[n_bins] = key
+        histogram.slots[n_bins] = slot
+        n_bins += 1
     histogram.of_particle[particle] = histogram.bin_of[slot]
-    return bins
+    return n_bins
 
 
 @njit(nogil=True, cache=True)
-def find_clusters(histogram: PoseHistogram, bins: int) -> int:
+def label_clusters(histogram: PoseHistogram, n_bins: int) -> int:
     """Label clusters of bins that touch, also at corners; return the number of clusters."""
-    histogram.cluster[:bins] = FREE
-    waiting = np.empty(bins, np.int64)
+    histogram.cluster[:n_bins] = FREE
+    waiting = np.empty(n_bins, np.int64)
     clusters = 0
-    for first in range(bins):
+    for first in range(n_bins):
         if histogram.cluster[first] != FREE:
             continue
         histogram.cluster[first] = clusters
@@ -164,7 +164,7 @@ def find_clusters(histogram: PoseHistogram, bins: int) -> int:
             for n in range(27):
                 i, j, k = n // 9 - 1, n // 3 % 3 - 1, n % 3 - 1
                 other = key + (i * (2 * EXTENT) + j) * (2 * EXTENT) + k
-                near = histogram.bin_of[find_slot(histogram, other)]
+                near = histogram.bin_of[find_hash_slot(histogram, other)]
                 if near != FREE and histogram.cluster[near] == FREE:
                     histogram.cluster[near] = clusters
                     waiting[left] = near
@@ -178,7 +178,7 @@ def compute_heaviest_mean(
     histogram: PoseHistogram, bins: int, poses: Floats, count: int
 ) -> tuple[float, float, float]:
     """Return the mean pose of the cluster with most of the `count` equal particles."""
-    sums = np.zeros((find_clusters(histogram, bins), 5))
+    sums = np.zeros((label_clusters(histogram, bins), 5))
     for n in range(count):
         x, y, heading = poses[0, n], poses[1, n], poses[2, n]
         total = sums[histogram.cluster[histogram.of_particle[n]]]
@@ -329,7 +329,7 @@ def resample_particles(
     """
     clear_histogram(histogram, bins)
     shares = np.cumsum(weights[:count])
-    guide = build_guide(shares)
+    guide = index_cumulative_shares(shares)
     bins = n_drawn = size = 0
     while n_drawn < settings.max_particles:
         # Without recovery no number is drawn for it.

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import N_DONE, STOP, Array, Floats, Ints, Octets, Words
-from locplan._support.kernels.lidar import LidarBeams, move_ends, write_scan_ends
+from locplan._support.kernels.lidar import LidarBeams, add_end_noise, write_scan_ends
 from locplan._support.kernels.likelihood import (
     FINE,
     GROUP,
@@ -24,7 +24,7 @@ from locplan._support.kernels.likelihood import (
     LikelihoodField,
     ScanLattice,
     WeightTables,
-    make_weights,
+    make_weight_tables,
 )
 from locplan._support.kernels.simd import (
     SHORTS,
@@ -255,7 +255,7 @@ def compute_scan_posteriors(
     lidar : LidarBeams
         Beams and mount of the lidar.
     noise : (beam, 2) array
-        Noise of the beams' ends, see `lidar.move_ends`.
+        Noise of the beams' ends, see `lidar.add_end_noise`.
     temperature : float
         Factor on the log-likelihood.
     control : (2,) array
@@ -269,7 +269,7 @@ def compute_scan_posteriors(
         np.full(shape, np.nan),
         np.full(shape, np.nan),
     )
-    weights = make_weights(temperature * field.nats, lidar.angles.size * TOP)
+    weights = make_weight_tables(temperature * field.nats, lidar.angles.size * TOP)
     ends, costs = np.empty((lidar.angles.size, 2)), np.empty_like(lattice.empty)
     for n in range(rows.size):
         if control[STOP]:
@@ -277,7 +277,7 @@ def compute_scan_posteriors(
         for m in range(headings.size):
             row, col = rows[n] + 0.5, cols[n] + 0.5
             write_scan_ends(squares, resolution, row, col, headings[m], lidar, ends)
-            move_ends(resolution, headings[m], lidar, noise, ends)
+            add_end_noise(resolution, headings[m], lidar, noise, ends)
             cell, moments_here = (rows[n], cols[n]), (result.mean[n, m], result.covariance[n, m])
             result.entropy[n, m], result.ambiguity[n, m] = compute_posterior(
                 field, lattice, weights, *cell, ends, costs, *moments_here

@@ -65,9 +65,9 @@ class CostScale(NamedTuple):
         return max(self.cheapest, min_width) or 1.0
 
 
-def measure_costs(half: Floats) -> CostScale:
+def measure_cost_scale(half_density: Floats) -> CostScale:
     """Return the scale of the costs of a bordered grid."""
-    cheapest, costliest, total, free = find_cost_range(half)
+    cheapest, costliest, total, free = find_cost_range(half_density)
     return (
         CostScale(2 * cheapest, 2 * costliest, 2 * total / free)
         if free
@@ -76,10 +76,10 @@ def measure_costs(half: Floats) -> CostScale:
 
 
 @njit(nogil=True, cache=True)
-def find_cost_range(half: Floats) -> tuple[float, float, float, int]:
+def find_cost_range(half_density: Floats) -> tuple[float, float, float, int]:
     """Return minimum, maximum and sum of the values of free cells, and their number."""
     smallest, greatest, total, free = np.inf, 0.0, 0.0, 0
-    for value in half:
+    for value in half_density:
         if value < np.inf:
             smallest, greatest = min(smallest, value), max(greatest, value)
             total += value
@@ -112,7 +112,7 @@ class SearchResult(NamedTuple):
     """False if there was no time left."""
 
 
-def make_bordered_half(density: Floats, border: int) -> Array:
+def make_bordered_half_density(density: Floats, border: int) -> Array:
     """Return half the density with a blocked border of `border` cells, flat."""
     rows, columns = density.shape
     half = np.full((rows + 2 * border, columns + 2 * border), np.inf)
@@ -128,7 +128,7 @@ def compute_shortest_costs(
     Parameters
     ----------
     half : (n,) array
-        Half the density, see `make_bordered_half`.
+        Half the density, see `make_bordered_half_density`.
     columns : int
         Number of columns of the bordered grid.
     start, goal : int
@@ -137,12 +137,12 @@ def compute_shortest_costs(
     corner_cutting : bool
         True if a diagonal step may pass a blocked cell's corner.
     """
-    cost = search_grid(half, columns, start, goal, corner_cutting, measure_costs(half)).cost
+    cost = search_grid(half, columns, start, goal, corner_cutting, measure_cost_scale(half)).cost
     return np.abs(cost, out=cost)
 
 
 def search_grid(
-    half: Floats,
+    half_density: Floats,
     columns: int,
     start: int,
     goal: int,
@@ -158,7 +158,7 @@ def search_grid(
     Parameters
     ----------
     scale : CostScale
-        The scale of `half`, see `measure_costs`.
+        The scale of `half_density`, see `measure_cost_scale`.
     guided : bool
         True for A* with the octile distance to `goal` times the minimum density, which never
         overestimates. It expands all cells on cheapest paths, and finds the same cost and path
@@ -168,8 +168,8 @@ def search_grid(
     check : callable, optional
         Called regularly; an exception that it raises ends the search.
     """
-    cost = np.full(half.size, np.inf)
-    if half[start] == np.inf:
+    cost = np.full(half_density.size, np.inf)
+    if half_density[start] == np.inf:
         return SearchResult(cost, 0, True)
     cost[start] = 0.0
     per_cost = 1.0 / scale.width
@@ -189,9 +189,9 @@ def search_grid(
         batch=np.empty(ROOM, np.uint32),
     )
     queue.heads[lowest % buckets] = 0
-    terms = SearchTerms(columns, goal, corner_cutting, per_cost, rate)
+    terms = SearchConstants(columns, goal, corner_cutting, per_cost, rate)
     while True:
-        status = expand_cells(queue, half, cost, terms, STRETCH)
+        status = expand_cells(queue, half_density, cost, terms, STRETCH)
         if status == _OUT_OF_ROOM:
             cells, following = (np.concatenate([a, a]) for a in (queue.cells, queue.following))
             queue = queue._replace(cells=cells, following=following)
@@ -201,7 +201,7 @@ def search_grid(
             check()
 
 
-class SearchTerms(NamedTuple):
+class SearchConstants(NamedTuple):
     """Constants of a search."""
 
     columns: int  # of the bordered grid
@@ -213,7 +213,7 @@ class SearchTerms(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def expand_cells(
-    queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, expansions: int
+    queue: BucketQueue, half_density: Floats, cost: Floats, terms: SearchConstants, expansions: int
 ) -> int:
     """Continue a search until it has ended, is out of space, or has expanded so many cells.
 
@@ -246,14 +246,18 @@ def expand_cells(
                 node = after
             heads[lowest & mask], state[_LEFT] = node, left
             state[_WAITING] -= left
-        cost_limit = expand_batch(queue, half, cost, terms, cost_limit)
+        cost_limit = expand_batch(queue, half_density, cost, terms, cost_limit)
         if state[_LEFT]:
             return _OUT_OF_ROOM
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def expand_batch(
-    queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, cost_limit: float
+    queue: BucketQueue,
+    half_density: Floats,
+    cost: Floats,
+    terms: SearchConstants,
+    cost_limit: float,
 ) -> float:
     """Expand the cells of the batch while there is space; return the cost at which to end.
 
@@ -276,7 +280,7 @@ def expand_batch(
         cell, coming = np.uint64(batch[left]), np.int64(batch[max(left - 2, 0)])
         for row_shift in (-columns, 0, columns):
             prefetch(cost, coming + row_shift)
-            prefetch(half, coming + row_shift)
+            prefetch(half_density, coming + row_shift)
         cell_cost = cost[cell]
         if cell_cost < 0:  # it was expanded since it was put into this bucket
             continue
@@ -292,7 +296,7 @@ def expand_batch(
             unused, used = put_into_bucket(cell, slot, heads, cells, following, unused, used)
             waiting += 1
             continue
-        cost[cell], cell_half = -cell_cost, half[cell]
+        cost[cell], cell_half = -cell_cost, half_density[cell]
         expanded += 1
         south, north, west, east = cell - width, cell + width, cell - unit, cell + unit
         neighbours = (
@@ -310,10 +314,10 @@ def expand_batch(
         second_flanks = cell, cell, cell, cell, west, east, west, east
         for n in range(8):
             neighbour = neighbours[n]
-            reached = cell_cost + _LENGTHS[n] * (cell_half + half[neighbour])
+            reached = cell_cost + _LENGTHS[n] * (cell_half + half_density[neighbour])
             if (
                 not reached < abs(cost[neighbour])
-                or half[first_flanks[n]] + half[second_flanks[n]] == corner
+                or half_density[first_flanks[n]] + half_density[second_flanks[n]] == corner
             ):
                 continue
             total = reached

@@ -28,7 +28,7 @@ _READ, _KEEP, _DATA = 0, 3, 1
 """Arguments of LLVM's `prefetch`: for reading, kept in all caches, data and not code."""
 
 
-class Vector(types.Type):
+class SimdVectorType(types.Type):
     """numba's type of a vector."""
 
     def __init__(self, bits: int, lanes: int) -> None:
@@ -36,19 +36,23 @@ class Vector(types.Type):
         super().__init__(name=f"u{bits}x{lanes}")
 
 
-@register_model(Vector)
-class VectorModel(models.PrimitiveModel):
+@register_model(SimdVectorType)
+class SimdVectorModel(models.PrimitiveModel):
     """numba's memory model of a vector: the same as LLVM's."""
 
     def __init__(self, dmm: Any, fe_type: Any) -> None:
         super().__init__(dmm, fe_type, fe_type.llvm)
 
 
-_WORDS, _SHORTS, _OCTETS = Vector(64, LANES), Vector(16, SHORTS), Vector(8, OCTETS)
+_WORDS, _SHORTS, _OCTETS = (
+    SimdVectorType(64, LANES),
+    SimdVectorType(16, SHORTS),
+    SimdVectorType(8, OCTETS),
+)
 _WORD, _INDEX = types.uint64, types.intp
 
 
-def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
+def operation(result_type: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that makes a kernel function of a body which calls LLVM's builder."""
 
     def decorate(body: Callable[..., Any]) -> Any:
@@ -68,7 +72,7 @@ def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
                 kind or argument_type
                 for kind, argument_type in zip(kinds, argument_types, strict=True)
             ]
-            return result(*resolved_types), generate_code
+            return result_type(*resolved_types), generate_code
 
         return intrinsic(type_operation)
 
@@ -101,7 +105,7 @@ def _splat(builder: Any, value: Any, kind: Any) -> Any:
     return builder.shuffle_vector(lane, undefined, first)
 
 
-def _call(builder: Any, name: str, *values: Any) -> Any:
+def _call_llvm_intrinsic(builder: Any, name: str, *values: Any) -> Any:
     """Call an LLVM intrinsic whose arguments have the same type."""
     kind = values[0].type
     suffix = f"v{kind.count}i{kind.element.width}" if isinstance(kind, ir.VectorType) else kind
@@ -121,7 +125,7 @@ def _min(builder: Any, a: Any, b: Any) -> Any:
     return builder.select(builder.icmp_unsigned("<", a, b), a, b)
 
 
-def _zeros(vector: Vector) -> Any:
+def _make_zeros_operation(vector: SimdVectorType) -> Any:
     """Return a function that makes a vector of zeros."""
 
     def zeros(builder: Any) -> Any:
@@ -130,7 +134,11 @@ def _zeros(vector: Vector) -> Any:
     return operation(vector)(zeros)
 
 
-zeros, zero_shorts, zero_octets = _zeros(_WORDS), _zeros(_SHORTS), _zeros(_OCTETS)
+zeros, zero_shorts, zero_octets = (
+    _make_zeros_operation(_WORDS),
+    _make_zeros_operation(_SHORTS),
+    _make_zeros_operation(_OCTETS),
+)
 
 
 @operation(_WORDS, _WORDS, _WORD, ARRAY, _INDEX)
@@ -139,14 +147,16 @@ def add_matches(builder: Any, counts: Any, word: Any, words: Any, index: Any) ->
     common_bits = builder.and_(
         _splat(builder, word, _WORDS.llvm), _load(builder, words, index, _WORDS.llvm)
     )
-    return builder.add(counts, _call(builder, "ctpop", common_bits))
+    return builder.add(counts, _call_llvm_intrinsic(builder, "ctpop", common_bits))
 
 
 @operation(_WORDS, _WORDS, ARRAY, _INDEX, _INDEX)
-def add_difference(builder: Any, counts: Any, values: Any, index: Any, less: Any) -> Any:
+def add_difference(
+    builder: Any, counts: Any, values: Any, index: Any, subtracted_index: Any
+) -> Any:
     """Return ``counts + values[index : index + 8] - values[less : less + 8]`` for int64 values."""
     total = builder.add(counts, _load(builder, values, index, _WORDS.llvm))
-    return builder.sub(total, _load(builder, values, less, _WORDS.llvm))
+    return builder.sub(total, _load(builder, values, subtracted_index, _WORDS.llvm))
 
 
 @operation(types.void, _WORDS, ARRAY, _INDEX)
@@ -155,7 +165,7 @@ def store_negative(builder: Any, a: Any, target: Any, index: Any) -> None:
     _store(builder, builder.neg(a), target, index)
 
 
-def _make_adding(vector: Vector, bits: int) -> Any:
+def _make_add_operation(vector: SimdVectorType, bits: int) -> Any:
     """Return a function that adds a vector to an array of numbers of so many bits."""
     wide = ir.VectorType(ir.IntType(bits), vector.llvm.count)
 
@@ -166,22 +176,22 @@ def _make_adding(vector: Vector, bits: int) -> Any:
     return operation(types.void, ARRAY, _INDEX, vector)(add_vector)
 
 
-add_to = _make_adding(_WORDS, 64)
+add_to = _make_add_operation(_WORDS, 64)
 """``target[index : index + 8] += total`` for an array of int64."""
-add_shorts_to = _make_adding(_SHORTS, 32)
+add_shorts_to = _make_add_operation(_SHORTS, 32)
 """``target[index : index + 32] += total`` for an array of uint32."""
-add_octets_to = _make_adding(_OCTETS, 16)
+add_octets_to = _make_add_operation(_OCTETS, 16)
 """``target[index : index + 64] += total`` for an array of uint16."""
 
 
 @operation(types.int64, _WORD)
 def popcount(builder: Any, word: Any) -> Any:
     """Return the number of ones in a 64-bit word."""
-    return _call(builder, "ctpop", word)
+    return _call_llvm_intrinsic(builder, "ctpop", word)
 
 
 @operation(types.int64, _WORD)
-def lowest_bit(builder: Any, word: Any) -> Any:
+def find_lowest_bit(builder: Any, word: Any) -> Any:
     """Return the index of the lowest set bit in a 64-bit word, which must not be 0."""
     return builder.cttz(word, ir.IntType(1)(1))
 
@@ -192,7 +202,7 @@ def load_word(builder: Any, octets: Any, index: Any) -> Any:
     return _load(builder, octets, index, ir.IntType(64))
 
 
-def _lanes_where(predicate: str, against: int) -> Any:
+def _make_masked_compare_operation(predicate: str, against: int) -> Any:
     """Return a function that flags the lanes of bytes which fulfil a predicate."""
 
     def lanes(builder: Any, octets: Any, at: Any, flip: Any, masks: Any, first: Any) -> Any:
@@ -204,10 +214,10 @@ def _lanes_where(predicate: str, against: int) -> Any:
     return operation(_WORD, ARRAY, _INDEX, _WORD, ARRAY, _INDEX)(lanes)
 
 
-set_lanes = _lanes_where("!=", 0)
+set_lanes = _make_masked_compare_operation("!=", 0)
 """``set_lanes(octets, at, flip, masks, first)``: one bit for each of the eight words from byte
 `at` on of an array of uint8 for which ``(word ^ flip) & masks[first:]`` is not zero."""
-full_lanes = _lanes_where("==", 2**64 - 1)
+full_lanes = _make_masked_compare_operation("==", 2**64 - 1)
 """Variant of `set_lanes` with one bit for each word for which that value is all ones."""
 
 
@@ -227,11 +237,11 @@ def add_distances(builder: Any, total: Any, counts: Any, index: Any, value: Any,
     array_values = _load(builder, counts, index, _SHORTS.llvm)
     reference = _splat(builder, value, _SHORTS.llvm)
     above, below = (
-        _call(builder, "usub.sat", array_values, reference),
-        _call(builder, "usub.sat", reference, array_values),
+        _call_llvm_intrinsic(builder, "usub.sat", array_values, reference),
+        _call_llvm_intrinsic(builder, "usub.sat", reference, array_values),
     )
     distances = builder.lshr(builder.or_(above, below), _splat(builder, shift, _SHORTS.llvm))
-    return _call(builder, "uadd.sat", total, distances)
+    return _call_llvm_intrinsic(builder, "uadd.sat", total, distances)
 
 
 @operation(_WORD, _SHORTS, types.uint16)
@@ -241,19 +251,21 @@ def flag_small_lanes(builder: Any, total: Any, limit: Any) -> Any:
 
 
 @operation(_OCTETS, _OCTETS, ARRAY, _INDEX, types.uint8, types.uint8)
-def add_gaps(builder: Any, total: Any, codes: Any, index: Any, code: Any, max_gap: Any) -> Any:
-    """Return ``total + min(gap, max_gap)``, the gaps from ``codes[index : index + 64]`` to `code`.
+def add_gaps(
+    builder: Any, total: Any, codes: Any, index: Any, reference_code: Any, max_gap: Any
+) -> Any:
+    """Return ``total + min(gap, max_gap)``, the gaps from ``codes[index : index + 64]`` to `reference_code`.
 
     Codes are counted modulo 256, so that a gap is the shorter way round. The caller ensures that no
     sum exceeds `MAX_OCTET`.
     """
     array_codes = _load(builder, codes, index, _OCTETS.llvm)
-    reference = _splat(builder, code, _OCTETS.llvm)
+    reference = _splat(builder, reference_code, _OCTETS.llvm)
     gap = _min(builder, builder.sub(array_codes, reference), builder.sub(reference, array_codes))
     return builder.add(total, _min(builder, gap, _splat(builder, max_gap, _OCTETS.llvm)))
 
 
-def _make_comparing(predicate: str, bits: int, lanes: int) -> Any:
+def _make_compare_operation(predicate: str, bits: int, lanes: int) -> Any:
     """Return a function that flags the lanes of an array which fulfil a predicate."""
     vector = ir.VectorType(ir.IntType(bits), lanes)
 
@@ -264,10 +276,10 @@ def _make_comparing(predicate: str, bits: int, lanes: int) -> Any:
     return operation(_WORD, ARRAY, _INDEX, types.Integer.from_bitwidth(bits, False))(compare_lanes)
 
 
-lanes_at_most = _make_comparing("<=", 32, SHORTS)
+lanes_at_most = _make_compare_operation("<=", 32, SHORTS)
 """``lanes_at_most(values, index, limit)``: one bit for each of ``values[index : index + 32]`` of an
 array of uint32 up to `limit`."""
-lanes_below = _make_comparing("<", 16, OCTETS)
+lanes_below = _make_compare_operation("<", 16, OCTETS)
 """``lanes_below(values, index, limit)``: one bit for each of ``values[index : index + 64]`` of an
 array of uint16 below `limit`."""
 

@@ -49,21 +49,23 @@ def find_greatest_cost(cost: Floats) -> float:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_backward_steps(half: Floats, columns: int, cost: Floats, tolerance: float) -> Array:
+def find_backward_steps(
+    half_density: Floats, columns: int, cost: Floats, tolerance: float
+) -> Array:
     """Return the steps from each cell that lie on a cheapest path to the start, within `tolerance`.
 
     `cost` is the result of a finished search without a goal and without cut corners. The result has
     a bit for each of the eight steps, in the order of rows and columns.
     """
-    steps = np.zeros(half.size, np.uint8)
+    steps = np.zeros(half_density.size, np.uint8)
     count = columns - 2
-    for first in range(columns + 1, half.size - columns, columns):
-        cell_costs, cell_halves = cost[first : first + count], half[first : first + count]
+    for first in range(columns + 1, half_density.size - columns, columns):
+        cell_costs, cell_halves = cost[first : first + count], half_density[first : first + count]
         cell_steps = steps[first : first + count]
         for n in range(8):  # one plain loop over a row for each step: it runs in vectors
             vertical, horizontal = first + ROWS[n] * columns, first + COLUMNS[n]
             at, bit = vertical + COLUMNS[n], np.uint8(1 << n)
-            neighbour_costs, neighbour_halves = cost[at : at + count], half[at : at + count]
+            neighbour_costs, neighbour_halves = cost[at : at + count], half_density[at : at + count]
             if ROWS[n] == 0 or COLUMNS[n] == 0:
                 for k in range(count):
                     through = abs(neighbour_costs[k]) + (cell_halves[k] + neighbour_halves[k])
@@ -71,8 +73,8 @@ def find_backward_steps(half: Floats, columns: int, cost: Floats, tolerance: flo
                     cell_steps[k] |= bit * np.uint8((through <= max_cost) & (through < np.inf))
                 continue
             vertical_halves, horizontal_halves = (
-                half[vertical : vertical + count],
-                half[horizontal : horizontal + count],
+                half_density[vertical : vertical + count],
+                half_density[horizontal : horizontal + count],
             )
             for k in range(count):
                 through = abs(neighbour_costs[k]) + SQRT2 * (cell_halves[k] + neighbour_halves[k])
@@ -85,7 +87,9 @@ def find_backward_steps(half: Floats, columns: int, cost: Floats, tolerance: flo
 
 
 @njit(nogil=True, cache=True)
-def trace_path(half: Floats, columns: int, cost: Floats, goal: int, corner_cutting: bool) -> Array:
+def trace_path(
+    half_density: Floats, columns: int, cost: Floats, goal: int, corner_cutting: bool
+) -> Array:
     """Return the cells from a search's start to `goal`, each on the cheapest path to the next.
 
     Of several cells with the same cost, the path takes the first one.
@@ -96,9 +100,11 @@ def trace_path(half: Floats, columns: int, cost: Floats, goal: int, corner_cutti
         cell, min_cost, before = cells[-1], np.inf, -1
         for n in range(8):
             neighbour = cell + ROWS[n] * columns + COLUMNS[n]
-            if half[cell + ROWS[n] * columns] + half[cell + COLUMNS[n]] == corner:
+            if half_density[cell + ROWS[n] * columns] + half_density[cell + COLUMNS[n]] == corner:
                 continue
-            through = abs(cost[neighbour]) + LENGTHS[n] * (half[cell] + half[neighbour])
+            through = abs(cost[neighbour]) + LENGTHS[n] * (
+                half_density[cell] + half_density[neighbour]
+            )
             if through < min_cost:
                 min_cost, before = through, neighbour
         cells.append(before)
@@ -118,7 +124,7 @@ class PathCells(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def trace_cheapest_path(
-    half: Floats, columns: int, steps: Octets, root: int, tip: int, from_root: bool
+    half_density: Floats, columns: int, steps: Octets, root: int, tip: int, from_root: bool
 ) -> Array:
     """Return the cells of the cheapest path between `root`, the start of the search, and `tip`.
 
@@ -126,9 +132,9 @@ def trace_cheapest_path(
     `trace_path`. It leads from `root` to `tip` if `from_root`, otherwise from `tip` to `root`.
     `steps` are the result of `find_backward_steps`, and lead from `tip` to `root`.
     """
-    path_cells, order = _find_path_cells(half.size, columns, steps, tip)
+    path_cells, order = _find_path_cells(half_density.size, columns, steps, tip)
     start, goal = (root, tip) if from_root else (tip, root)
-    cost = _sum_costs(half, columns, steps, path_cells, order, start, from_root)
+    cost = _sum_costs(half_density, columns, steps, path_cells, order, start, from_root)
     # As `trace`, but costs are known of few cells.
     path = [goal]
     while path[-1] != start and len(path) < cost.size:
@@ -136,9 +142,9 @@ def trace_cheapest_path(
         for n in range(8):
             neighbour = cell + ROWS[n] * columns + COLUMNS[n]
             place = find_place(path_cells, neighbour)
-            free = half[cell + ROWS[n] * columns] + half[cell + COLUMNS[n]] < np.inf
+            free = half_density[cell + ROWS[n] * columns] + half_density[cell + COLUMNS[n]] < np.inf
             if place >= 0 and free:
-                through = cost[place] + LENGTHS[n] * (half[cell] + half[neighbour])
+                through = cost[place] + LENGTHS[n] * (half_density[cell] + half_density[neighbour])
                 if through < min_cost:
                     min_cost, before = through, neighbour
         path.append(before)
@@ -194,7 +200,7 @@ def _find_path_cells(size: int, columns: int, steps: Octets, tip: int) -> tuple[
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _sum_costs(
-    half: Floats,
+    half_density: Floats,
     columns: int,
     steps: Octets,
     path_cells: PathCells,
@@ -217,7 +223,7 @@ def _sum_costs(
             if bits >> n & 1:
                 neighbour = cell + ROWS[n] * columns + COLUMNS[n]
                 step, m = (
-                    LENGTHS[n] * (half[cell] + half[neighbour]),
+                    LENGTHS[n] * (half_density[cell] + half_density[neighbour]),
                     find_place(path_cells, neighbour),
                 )
                 if from_root:

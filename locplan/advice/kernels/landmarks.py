@@ -66,11 +66,16 @@ def cast_map_hits(surfaces: MapSurfaces, rays: RouteRays, hits: Singles) -> None
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _write_hit(surfaces: MapSurfaces, rays: RouteRays, n: int, b: int, hit: Singles) -> None:
+def _write_hit(
+    surfaces: MapSurfaces, rays: RouteRays, pose_number: int, ray_number: int, hit: Singles
+) -> None:
     """Write the hit (4,) of a ray on a map."""
     squares, normals, resolution = surfaces
-    x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
-    bearing = rays.first[n] + b * rays.step
+    x, y = (
+        rays.poses[pose_number, 0] + rays.levers[pose_number, 0],
+        rays.poses[pose_number, 1] + rays.levers[pose_number, 1],
+    )
+    bearing = rays.first[pose_number] + ray_number * rays.step
     dx, dy = np.cos(bearing), np.sin(bearing)
     at, row, col = cast_ray(
         squares, y / resolution, x / resolution, dy, dx, rays.max_range / resolution
@@ -82,21 +87,31 @@ def _write_hit(surfaces: MapSurfaces, rays: RouteRays, n: int, b: int, hit: Sing
         hit[NORMAL_X] = hit[NORMAL_Y] = hit[TURN] = 0.0
         return
     nx, ny = np.float64(normals[row, col, 1]), np.float64(normals[row, col, 0])
-    _set_hit(hit, rays, n, at, dx, dy, nx, ny)
+    _set_hit(hit, rays, pose_number, at, dx, dy, nx, ny)
 
 
 @njit(inline="always")
 def _set_hit(
-    hit: Singles, rays: RouteRays, n: int, at: float, dx: float, dy: float, nx: float, ny: float
+    hit: Singles,
+    rays: RouteRays,
+    pose_number: int,
+    hit_range: float,
+    dx: float,
+    dy: float,
+    nx: float,
+    ny: float,
 ) -> None:
     """Write a hit at a range in the direction (dx, dy), with the surface's normal."""
-    hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
-    hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
+    hx, hy = (
+        rays.levers[pose_number, 0] + hit_range * dx,
+        rays.levers[pose_number, 1] + hit_range * dy,
+    )
+    hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = hit_range, nx, ny
     hit[TURN] = hx * ny - hy * nx
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_entry(
+def intersect_object(
     outline: ObjectOutline, cos: float, sin: float, x: float, y: float, dx: float, dy: float
 ) -> tuple[float, float, float]:
     """Return the range of an object at the origin along a ray from (x, y), and its normal.
@@ -135,22 +150,22 @@ def find_entry(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_meeting_rays(
-    rays: RouteRays, n: int, outline: ObjectOutline, x: float, y: float
+def find_rays_towards_object(
+    rays: RouteRays, pose_number: int, outline: ObjectOutline, x: float, y: float
 ) -> tuple[int, int]:
     """Return the first ray of a pose that may meet an object at (x, y), and their number."""
     reach = outline.half_length
     if not outline.is_round:
         reach = np.hypot(outline.half_length, outline.half_width)
-    offset_x = x - rays.poses[n, 0] - rays.levers[n, 0]
-    offset_y = y - rays.poses[n, 1] - rays.levers[n, 1]
+    offset_x = x - rays.poses[pose_number, 0] - rays.levers[pose_number, 0]
+    offset_y = y - rays.poses[pose_number, 1] - rays.levers[pose_number, 1]
     distance = np.hypot(offset_x, offset_y)
     if distance - reach > rays.max_range:
         return 0, 0
     if distance <= reach:
         return 0, rays.beams
     half = np.arcsin(reach / distance) / rays.step
-    middle = (np.arctan2(offset_y, offset_x) - rays.first[n]) / rays.step
+    middle = (np.arctan2(offset_y, offset_x) - rays.first[pose_number]) / rays.step
     turn = 2 * np.pi / rays.step
     middle -= turn * np.floor((middle - half) / turn)
     begin, end = int(np.ceil(middle - half - 1e-6)), int(np.floor(middle + half + 1e-6))
@@ -166,29 +181,29 @@ def find_meeting_rays(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def add_object(
+def add_object_to_hits(
     hits: Singles,
     rays: RouteRays,
     outline: ObjectOutline,
     x: float,
     y: float,
     heading: float,
-    touched: Bools,
+    is_changed: Bools,
 ) -> None:
     """Change the hits (n, beams, 4) by an object at (x, y), and mark the affected poses, (n,)."""
     cos, sin = np.cos(heading), np.sin(heading)
     for n in range(rays.first.size):
-        begin, count = find_meeting_rays(rays, n, outline, x, y)
+        begin, count = find_rays_towards_object(rays, n, outline, x, y)
         from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
         for k in range(count):
             b = (begin + k) % rays.beams
             bearing = rays.first[n] + b * rays.step
             dx, dy = np.cos(bearing), np.sin(bearing)
-            at, nx, ny = find_entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
+            at, nx, ny = intersect_object(outline, cos, sin, from_x - x, from_y - y, dx, dy)
             hit = hits[n, b]
             if at >= hit[RANGE] or at > rays.max_range:
                 continue
-            touched[n] = True
+            is_changed[n] = True
             if at < rays.min_range:
                 nx, ny = 0.0, 0.0
             _set_hit(hit, rays, n, at, dx, dy, nx, ny)
@@ -210,10 +225,10 @@ def _add_to_sums(sums: Floats, hit: Singles, sign: float, rays: RouteRays) -> No
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def write_sums(hits: Singles, rays: RouteRays, touched: Bools, sums: Floats) -> None:
+def write_hit_sums(hits: Singles, rays: RouteRays, is_changed: Bools, sums: Floats) -> None:
     """Write the weighted sums of g g^T and the number of hits of touched poses, (n, 7)."""
     for n in range(hits.shape[0]):
-        if not touched[n]:
+        if not is_changed[n]:
             continue
         for k in range(7):
             sums[n, k] = 0.0
@@ -227,7 +242,7 @@ def write_sums(hits: Singles, rays: RouteRays, touched: Bools, sums: Floats) -> 
 def sum_hits(hits: Singles, rays: RouteRays) -> Floats:
     """Return the weighted sums of g g^T and the number of hits of each pose, (n, 7)."""
     sums = np.zeros((hits.shape[0], 7))
-    write_sums(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
+    write_hit_sums(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
     return sums
 
 
@@ -240,26 +255,29 @@ class ObjectSightings(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_seeing_rays(
+def find_shortened_rays(
     hits: Singles,
     rays: RouteRays,
-    n: int,
+    pose_number: int,
     outline: ObjectOutline,
     x: float,
     y: float,
     heading: float,
 ) -> tuple[int, int]:
     """Return the first ray that an object at (x, y) shortens, and the number to the last; or 0."""
-    begin, count = find_meeting_rays(rays, n, outline, x, y)
-    from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    begin, count = find_rays_towards_object(rays, pose_number, outline, x, y)
+    from_x, from_y = (
+        rays.poses[pose_number, 0] + rays.levers[pose_number, 0],
+        rays.poses[pose_number, 1] + rays.levers[pose_number, 1],
+    )
     cos, sin = np.cos(heading), np.sin(heading)
     first, last = -1, -1
     for k in range(count):
         b = (begin + k) % rays.beams
-        bearing = rays.first[n] + b * rays.step
+        bearing = rays.first[pose_number] + b * rays.step
         dx, dy = np.cos(bearing), np.sin(bearing)
-        at, _, _ = find_entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
-        if at < hits[n, b, RANGE] and at <= rays.max_range:
+        at, _, _ = intersect_object(outline, cos, sin, from_x - x, from_y - y, dx, dy)
+        if at < hits[pose_number, b, RANGE] and at <= rays.max_range:
             first, last = k if first < 0 else first, k
     if first < 0:
         return 0, 0
@@ -287,7 +305,7 @@ def find_sightings(
         x, y, heading = candidates[m, 0], candidates[m, 1], candidates[m, 2]
         at = sightings.starts[m]
         for n in range(rays.first.size):
-            first, count = find_seeing_rays(hits, rays, n, outline, x, y, heading)
+            first, count = find_shortened_rays(hits, rays, n, outline, x, y, heading)
             if count > 0:
                 if has_room:
                     sightings.poses[at] = n
@@ -307,33 +325,43 @@ class LandmarkScene(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def write_object_sums(
-    scene: LandmarkScene, n: int, place: Numbers, begin: int, count: int, changed: Floats
+    scene: LandmarkScene,
+    pose_number: int,
+    place: Numbers,
+    begin: int,
+    count: int,
+    changed_sums: Floats,
 ) -> bool:
-    """Write a pose's sums with one more object into `changed` (7,); False if nothing changes.
+    """Write a pose's sums with one more object into `changed_sums` (7,); False if nothing changes.
 
     `place` is (x, y, heading). `count` rays from `begin` on may meet the object, see
-    `find_meeting_rays`. The number of hits never changes: it counts hits on the map without
+    `find_rays_towards_object`. The number of hits never changes: it counts hits on the map without
     objects.
     """
     hits, sums, rays, outline = scene
     x, y, heading = place
     for k in range(7):
-        changed[k] = sums[n, k]
+        changed_sums[k] = sums[pose_number, k]
     any_ray = False
     new = np.zeros(4, np.float32)
-    from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    from_x, from_y = (
+        rays.poses[pose_number, 0] + rays.levers[pose_number, 0],
+        rays.poses[pose_number, 1] + rays.levers[pose_number, 1],
+    )
     cos, sin = np.cos(rays.step), np.sin(rays.step)
     heading_cos, heading_sin = np.cos(heading), np.sin(heading)
-    bearing = rays.first[n] + (begin - 1) * rays.step
+    bearing = rays.first[pose_number] + (begin - 1) * rays.step
     dx, dy = np.cos(bearing), np.sin(bearing)
     for k in range(count):
         b = (begin + k) % rays.beams
         dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
-        at, nx, ny = find_entry(outline, heading_cos, heading_sin, from_x - x, from_y - y, dx, dy)
-        if at >= hits[n, b, RANGE] or at > rays.max_range:
+        at, nx, ny = intersect_object(
+            outline, heading_cos, heading_sin, from_x - x, from_y - y, dx, dy
+        )
+        if at >= hits[pose_number, b, RANGE] or at > rays.max_range:
             continue
         any_ray = True
-        _add_to_sums(changed, hits[n, b], -1.0, rays)
-        _set_hit(new, rays, n, at, dx, dy, nx, ny)
-        _add_to_sums(changed, new, 1.0, rays)
+        _add_to_sums(changed_sums, hits[pose_number, b], -1.0, rays)
+        _set_hit(new, rays, pose_number, at, dx, dy, nx, ny)
+        _add_to_sums(changed_sums, new, 1.0, rays)
     return any_ray

@@ -49,23 +49,27 @@ class MotionNoise(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def update_covariance(p: Floats, sums: Floats, sensing: BeamSensing) -> None:
+def update_covariance(covariance: Floats, sums: Floats, sensing: BeamSensing) -> None:
     """Turn a covariance P (6,) into (P^-1 + I)^-1, with I from the sums (7,)."""
     share = sensing.share / (1 + sensing.hit_coefficient * max(sums[HITS], 0.0))
-    _invert(p)
+    _invert(covariance)
     for k in range(6):
-        p[k] += share * sums[k]
-    _invert(p)
+        covariance[k] += share * sums[k]
+    _invert(covariance)
 
 
 @njit(inline="always")
-def _invert(m: Floats) -> None:
+def _invert(matrix: Floats) -> None:
     """Invert a symmetric matrix (6,) in place."""
-    a, b, d, c, e, f = m[XX], m[XY], m[YY], m[XT], m[YT], m[TT]
+    a, b, d, c, e, f = matrix[XX], matrix[XY], matrix[YY], matrix[XT], matrix[YT], matrix[TT]
     cofactor_xx, cofactor_xy, cofactor_xt = d * f - e * e, c * e - b * f, b * e - c * d
     factor = 1 / (a * cofactor_xx + b * cofactor_xy + c * cofactor_xt)
-    m[XX], m[XY], m[XT] = cofactor_xx * factor, cofactor_xy * factor, cofactor_xt * factor
-    m[YY], m[YT], m[TT] = (
+    matrix[XX], matrix[XY], matrix[XT] = (
+        cofactor_xx * factor,
+        cofactor_xy * factor,
+        cofactor_xt * factor,
+    )
+    matrix[YY], matrix[YT], matrix[TT] = (
         (a * f - c * c) * factor,
         (b * c - a * e) * factor,
         (a * d - b * b) * factor,
@@ -73,22 +77,22 @@ def _invert(m: Floats) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def move_covariance(p: Floats, dx: float, dy: float, motion: MotionNoise) -> None:
+def move_covariance(covariance: Floats, dx: float, dy: float, motion: MotionNoise) -> None:
     """Turn a covariance P (6,) into F P F^T + Q ds, as the robot moves by (dx, dy)."""
     way = np.hypot(dx, dy)
-    xt, yt, tt = p[XT], p[YT], p[TT]
-    p[XX] += -2 * dy * xt + dy * dy * tt
-    p[XY] += dx * xt - dy * yt - dx * dy * tt
-    p[YY] += 2 * dx * yt + dx * dx * tt
-    p[XT] -= dy * tt
-    p[YT] += dx * tt
+    xt, yt, tt = covariance[XT], covariance[YT], covariance[TT]
+    covariance[XX] += -2 * dy * xt + dy * dy * tt
+    covariance[XY] += dx * xt - dy * yt - dx * dy * tt
+    covariance[YY] += 2 * dx * yt + dx * dx * tt
+    covariance[XT] -= dy * tt
+    covariance[YT] += dx * tt
     if way > 0:
         cos, sin = dx / way, dy / way
         along, across = motion.along * way, motion.across * way
-        p[XX] += along * cos * cos + across * sin * sin
-        p[XY] += (along - across) * cos * sin
-        p[YY] += along * sin * sin + across * cos * cos
-        p[TT] += motion.turn * way
+        covariance[XX] += along * cos * cos + across * sin * sin
+        covariance[XY] += (along - across) * cos * sin
+        covariance[YY] += along * sin * sin + across * cos * cos
+        covariance[TT] += motion.turn * way
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -99,43 +103,51 @@ def compute_route_covariances(
 
     `routes` (r + 1,) holds the index of each route's first pose, and the number of all poses.
     """
-    before, after = np.zeros((len(sums), 6)), np.zeros((len(sums), 6))
-    p = np.zeros(6)
+    covariances_before, covariances_after = np.zeros((len(sums), 6)), np.zeros((len(sums), 6))
+    covariance = np.zeros(6)
     for r in range(routes.size - 1):
-        _set_start_covariance(p, motion)
+        _set_start_covariance(covariance, motion)
         for n in range(routes[r], routes[r + 1]):
             if n > routes[r]:
                 move_covariance(
-                    p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion
+                    covariance, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion
                 )
             for k in range(6):
-                before[n, k] = p[k]
-            update_covariance(p, sums[n], sensing)
+                covariances_before[n, k] = covariance[k]
+            update_covariance(covariance, sums[n], sensing)
             for k in range(6):
-                after[n, k] = p[k]
-    return before, after
+                covariances_after[n, k] = covariance[k]
+    return covariances_before, covariances_after
 
 
 @njit(inline="always")
-def _is_forgotten(p: Floats, other: Floats) -> bool:
+def _is_object_forgotten(covariance: Floats, covariance_without_object: Floats) -> bool:
     """True if an object that is out of sight no longer matters."""
     share = 1e-6  # by which a variance may differ from what it was
-    is_close = abs(p[XX] - other[XX]) <= share * other[XX]
-    is_close &= abs(p[YY] - other[YY]) <= share * other[YY]
-    return is_close and abs(p[TT] - other[TT]) <= share * other[TT]
+    is_close = (
+        abs(covariance[XX] - covariance_without_object[XX]) <= share * covariance_without_object[XX]
+    )
+    is_close &= (
+        abs(covariance[YY] - covariance_without_object[YY]) <= share * covariance_without_object[YY]
+    )
+    return (
+        is_close
+        and abs(covariance[TT] - covariance_without_object[TT])
+        <= share * covariance_without_object[TT]
+    )
 
 
 @njit(inline="always")
-def _set_start_covariance(p: Floats, motion: MotionNoise) -> None:
+def _set_start_covariance(covariance: Floats, motion: MotionNoise) -> None:
     """Set a covariance to its value at the start of a route."""
     for k in range(6):
-        p[k] = 0.0
-    p[XX] = p[YY] = motion.start
-    p[TT] = motion.start_turn
+        covariance[k] = 0.0
+    covariance[XX] = covariance[YY] = motion.start
+    covariance[TT] = motion.start_turn
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def compute_uncertainties(
+def compute_mean_variances(
     candidates: Floats,
     indices: Ints,
     sightings: ObjectSightings,
@@ -181,7 +193,7 @@ def compute_uncertainties(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _sum_variances(
-    value: float,
+    variance_sum: float,
     place: tuple[float, float, float],
     stretch: tuple[int, int],
     sightings: ObjectSightings,
@@ -190,15 +202,15 @@ def _sum_variances(
     models: tuple[BeamSensing, MotionNoise],
     base_covariances: tuple[Floats, Floats],
 ) -> float:
-    """Return the sum `value` of P_xx + P_yy over all poses, updated for an object at `place`.
+    """Return the sum `variance_sum` of P_xx + P_yy over all poses, updated for an object at `place`.
 
     `stretch` is the range of the object's sightings. Covariances are followed from each pose that
     sees the object until they agree with `base_covariances`, before and after each scan without it.
     """
     sensing, motion = models
-    before, after = base_covariances
+    covariances_before, covariances_after = base_covariances
     sums, poses = scene.sums, scene.rays.poses
-    changed, p = np.empty(7), np.empty(6)
+    changed, covariance = np.empty(7), np.empty(6)
     k, stop = stretch
     r = n = 0
     differs = False  # True if the covariance before pose n has changed
@@ -215,12 +227,18 @@ def _sum_variances(
         if not differs and not meets:
             continue
         if not differs:
-            for c in range(6):
-                p[c] = before[n, c]
-        update_covariance(p, changed if meets else sums[n], sensing)
-        value += p[XX] + p[YY] - after[n, XX] - after[n, YY]
-        differs = n + 1 < routes[r + 1] and (meets or not _is_forgotten(p, after[n]))
+            for entry in range(6):
+                covariance[entry] = covariances_before[n, entry]
+        update_covariance(covariance, changed if meets else sums[n], sensing)
+        variance_sum += (
+            covariance[XX] + covariance[YY] - covariances_after[n, XX] - covariances_after[n, YY]
+        )
+        differs = n + 1 < routes[r + 1] and (
+            meets or not _is_object_forgotten(covariance, covariances_after[n])
+        )
         if differs:
             n += 1
-            move_covariance(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
-    return value
+            move_covariance(
+                covariance, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion
+            )
+    return variance_sum

@@ -15,7 +15,7 @@ from typing import Any
 
 from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedCliTokensError
 
-from locplan._support.checks import short_repr, suggestion_text
+from locplan._support.checks import format_suggestion, short_repr
 from locplan._support.files import protect_inputs
 from locplan._support.supervision import INTERRUPTED, end_if_supervised
 from locplan.app.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, run_tokens
@@ -31,7 +31,7 @@ def main() -> None:
     """Run the command line; a user's error ends in one line on stderr and exit code 2."""
     _fix_environment()
     try:
-        with _warnings_as_lines(), protect_inputs():
+        with _print_warnings_as_lines(), protect_inputs():
             _check_no_empty_argument(sys.argv[1:])
             code, _ = run_tokens(sys.argv[1:])
         _flush_output()
@@ -88,7 +88,7 @@ def _check_no_empty_argument(tokens: list[str]) -> None:
 
 
 @contextmanager
-def _warnings_as_lines() -> Iterator[None]:
+def _print_warnings_as_lines() -> Iterator[None]:
     """Print each warning of locplan as one line on stderr; log those of other libraries."""
 
     def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
@@ -115,7 +115,7 @@ def _format_error(error: Exception) -> str:
 def _format_usage_error(error: CycloptsError) -> str:
     """Return one line about wrong options or arguments."""
     if isinstance(error, UnusedCliTokensError):
-        return _describe_unexpected(error.unused_tokens or ())
+        return _describe_unexpected_arguments(error.unused_tokens or ())
     if isinstance(error, MissingArgumentError) and (argument := error.argument):
         guess = "".join(" ".join(str(error).split()).partition("Did you mean")[1:])
         return f"{argument.name} is missing{'. ' if guess else ''}{guess}"
@@ -133,11 +133,11 @@ def _describe_choices(error: CoercionError) -> str:
     name, value = error.token.keyword or error.argument.name, error.token.value
     if not choices:
         return ""
-    guess = suggestion_text(value, choices)
+    guess = format_suggestion(value, choices)
     return f"{name} must be one of {', '.join(choices)}, not {short_repr(value)}{guess}"
 
 
-def _describe_unexpected(tokens: Sequence[str]) -> str:
+def _describe_unexpected_arguments(tokens: Sequence[str]) -> str:
     """Return a line about arguments that the command does not take."""
     numbers = all(re.fullmatch(r"-?[\d.]+", token) for token in tokens)
     remedy = "; write positions as X,Y with a comma" if numbers else ""

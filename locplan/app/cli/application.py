@@ -182,11 +182,11 @@ def run_tokens(tokens: list[str]) -> tuple[int | None, RunRecord]:
             return cast("int | None", command() if callable(command) else command)
 
     with running(RunRecord("", {})) as run:
-        app.config = (partial(_note_settings, run),)
+        app.config = (partial(_record_settings, run),)
         return cast("int | None", app.meta(tokens)), run
 
 
-def _note_settings(
+def _record_settings(
     run: RunRecord, _: object, commands: tuple[str, ...], arguments: ArgumentCollection
 ) -> None:
     """Note the options as typed for run.yaml, except those of the output."""

@@ -116,7 +116,7 @@ def parse_settings(
     return settings
 
 
-def protect_map(path: Path) -> None:
+def protect_map_files(path: Path) -> None:
     """Protect the files of a map that is read from being overwritten by results."""
     from locplan.maps.files import list_source_files
 
@@ -154,7 +154,7 @@ Integer = Annotated[int, INTEGER]
 """Whole number whose range the library checks."""
 INPUT = make_validator(protect_input)
 """Parameter of a file that is read: no result overwrites it."""
-MAP = Parameter("MAP"), make_validator(protect_map)
+MAP = Parameter("MAP"), make_validator(protect_map_files)
 
 MapFile = Annotated[Path, *MAP]
 """Map as a positional argument."""

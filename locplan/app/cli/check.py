@@ -72,11 +72,11 @@ def check(
         Exit with 4 if this limit is exceeded, such as "lost > 5%". Repeatable.
     """
     from locplan.advice.check_result import Check
-    from locplan.simulation.amcl_parameters import check_tunable
+    from locplan.simulation.amcl_parameters import check_can_write_tuning
 
     output.check(Check.files)
     if output.output:
-        check_tunable(robot.nav2_file("amcl"))
+        check_can_write_tuning(robot.find_nav2_file("amcl"))
     grid = locplan.load_map(map_file)
     if recording:
         robot.check_recorded()
@@ -95,7 +95,7 @@ def check(
             on_finding=_print_finding,
             progress=progress,
         )
-    output.finish(result, output.output, robot.nav2_files())
+    output.finish(result, output.output, robot.list_nav2_files())
     for limit in fail_if:
         print(format_one_line(limit.format_result(result)), file=sys.stderr)
     return LIMIT_EXCEEDED if any(limit.fails(result) for limit in fail_if) else 0

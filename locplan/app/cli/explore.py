@@ -86,8 +86,8 @@ def explore(
         Do not open a browser.
     """
     from locplan.app.explorer.explorer import check_installed, open_explorer
-    from locplan.app.explorer.scene import Opening
-    from locplan.app.explorer.sites import zones_as_changes
+    from locplan.app.explorer.scene import StartSettings
+    from locplan.app.explorer.sites import changes_from_zones
     from locplan.field.config import COARSE_STRIDE
 
     reject_options("in explore", json=output.json)
@@ -100,18 +100,18 @@ def explore(
         config = dataclasses.replace(config, stride=COARSE_STRIDE)
     grid = locplan.load_map(page_map)
     ends = report.ends if report else {}
-    opening = Opening(
+    opening = StartSettings(
         config,
         on_map,
         weight=weight,
         threads=threads,
         folder=output.output,
         force=output.force,
-        parameter_files=tuple(robot.nav2_files()),
+        parameter_files=tuple(robot.list_nav2_files()),
         start=start or ends.get("start"),
         goal=goal or ends.get("goal"),
         via=via,
-        changes=zones_as_changes(load_zones(zones, grid)),
+        changes=changes_from_zones(load_zones(zones, grid)),
         report=report,
     )
     with show_spinner("opening the page"):

@@ -51,17 +51,17 @@ def _collect_options() -> dict[str, dataclasses.Field[Any]]:
     return {field.name: field for field in fields if "is_option" in field.metadata}
 
 
-def _option_flag(field: dataclasses.Field[Any]) -> str:
+def _make_option_flag(field: dataclasses.Field[Any]) -> str:
     """Return the name of an option on the command line."""
     return field.metadata["flag"] or field.name.replace("_", "-")
 
 
-def _literal_words(kind: Any) -> tuple[str, ...]:
+def _list_literal_words(kind: Any) -> tuple[str, ...]:
     """Return the words of a `Literal` type; empty for other types."""
     return get_args(kind) if get_origin(kind) is Literal else ()
 
 
-def _option_types() -> list[tuple[str, Any, None]]:
+def _list_option_types() -> list[tuple[str, Any, None]]:
     """Return name, type and default of each option of the formats, as a dataclass needs them."""
     types: dict[str, Any] = {}
     docs: dict[str, str] = {}
@@ -71,11 +71,13 @@ def _option_types() -> list[tuple[str, Any, None]]:
     typed = []
     for name, field in _collect_options().items():
         words = [
-            word for kind in (types[name], *get_args(types[name])) for word in _literal_words(kind)
+            word
+            for kind in (types[name], *get_args(types[name]))
+            for word in _list_literal_words(kind)
         ]
         sentence = " ".join(docs[name].split()).partition(". ")[0].removesuffix(".")
         parameter = Parameter(
-            name=f"--{_option_flag(field)}",
+            name=f"--{_make_option_flag(field)}",
             metavar=field.metadata["metavar"] or None,
             help=f"{', '.join(words[:-1])} or {words[-1]}." if words else f"{sentence}.",
             show_choices=False,
@@ -91,7 +93,7 @@ def _option_types() -> list[tuple[str, Any, None]]:
 FormatOptions: Any = Parameter(name="*")(
     dataclasses.make_dataclass(
         "FormatOptions",
-        _option_types(),
+        _list_option_types(),
         namespace={"__module__": __name__},
         frozen=True,
         kw_only=True,
@@ -151,7 +153,7 @@ def export(
                 raise ConfigError(
                     f"--{name} has no effect with --to {to}; use --to {', '.join(WITH_PATHS)}"
                 )
-    format_options = _read_options(format, options, robot.nav2_files())
+    format_options = _read_options(format, options, robot.list_nav2_files())
     if zones and to == "ros-map":
         reject_options("with --to ros-map, which contains only u", zones=zones)
     grid = locplan.load_map(map_file)
@@ -245,7 +247,7 @@ def _read_options(format: ExportFormat, options: Any, params: list[Path]) -> Any
                 for other in FORMATS.values()
                 if name in {field.name for field in dataclasses.fields(other.options)}
             ]
-            flag = _option_flag(_collect_options()[name])
+            flag = _make_option_flag(_collect_options()[name])
             raise ConfigError(
                 f"--{flag} has no effect with --to {format.name}; it is for {', '.join(readers)}"
             )

@@ -19,10 +19,10 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._support.checks import check_choice, check_threads, short_repr, suggestion_text
+from locplan._support.checks import check_choice, check_threads, format_suggestion, short_repr
 from locplan._support.files import protect_input
 from locplan._support.progress import show_progress_bar, show_spinner
-from locplan._support.runs import note_robot, pop_written_lines
+from locplan._support.runs import pop_written_lines, record_robot
 from locplan.app.cli import arguments
 from locplan.app.cli.application import COMPUTATION, OUTPUT, ROBOT
 from locplan.app.cli.arguments import INPUT, INTEGER, Switch, make_validator
@@ -104,7 +104,7 @@ class RobotOptions:
                 f"--set range must be in metres; the data sheet of {self.lidar} says"
                 f" {LIDARS[self.lidar].range:g} m, not {robot.known_lidar.range:g}"
             )
-        note_robot(robot.title, robot.digest)
+        record_robot(robot.title, robot.digest)
         if self.robot:
             print(format_one_line(f"robot: {robot.title}"), file=sys.stderr)
         return robot
@@ -150,7 +150,7 @@ class RobotOptions:
                     f"--set {name} has no effect with --recording, which sets it; remove it"
                 )
 
-    def load_simulated(self, config: FieldConfig | None = None) -> Robot:
+    def load_with_field_lidar(self, config: FieldConfig | None = None) -> Robot:
         """Return the robot, with the lidar of the field if it has none; warn of bad settings."""
         from locplan.field.config import equip_robot
 
@@ -164,15 +164,15 @@ class RobotOptions:
         from locplan.robots.parameters import read_parameters
         from locplan.simulation.amcl_parameters import find_filter_warnings
 
-        further_parameters = read_parameters(*self.nav2_files()).read_node_parameters("amcl")
+        further_parameters = read_parameters(*self.list_nav2_files()).read_node_parameters("amcl")
         for fault in find_filter_warnings(robot.amcl, robot.known_lidar, further_parameters):
             warnings.warn(ParameterWarning(fault), stacklevel=2)
 
-    def nav2_file(self, node: str) -> Path | None:
+    def find_nav2_file(self, node: str) -> Path | None:
         """Return the file with most of a node's parameters; the last one if none has any."""
         from locplan.robots.parameters import read_parameters
 
-        files = self.nav2_files()
+        files = self.list_nav2_files()
         if not files:
             return None
         parameters = read_parameters(*files)
@@ -181,7 +181,7 @@ class RobotOptions:
             return files[place]
         return files[-1] if parameters.read_node_parameters(node) else None
 
-    def nav2_files(self) -> list[Path]:
+    def list_nav2_files(self) -> list[Path]:
         """Return the Nav2 parameter files among the robot's files."""
         from locplan.robots.parameters import read_parameters
 
@@ -195,7 +195,7 @@ class RobotOptions:
 
 FilterMapFile = Annotated[
     Path | None,
-    make_validator(arguments.protect_map),
+    make_validator(arguments.protect_map_files),
     Parameter(
         metavar="MAP", group=ROBOT, help="Map of the robot's filter, if it differs from MAP."
     ),
@@ -372,7 +372,7 @@ class FieldOptions:
         robot : Robot
             The robot.
         """
-        config = self._config(robot)
+        config = self._make_config(robot)
         lidar = getattr(config.estimator, "lidar", None)
         if robot.lidar is None and self._is_file and lidar:
             robot = dataclasses.replace(robot, lidar=lidar)
@@ -393,7 +393,7 @@ class FieldOptions:
     def _is_file(self) -> bool:
         return self.field is not None and Path(self.field).suffix.lower() in (".json", ".npz")
 
-    def _config(self, robot: Robot) -> FieldConfig:
+    def _make_config(self, robot: Robot) -> FieldConfig:
         name = self.field or ("fused" if robot.lidar else "sad")
         if not self._is_file:
             return config_by_name(name, robot.lidar)
@@ -465,7 +465,7 @@ def config_by_name(name: str, lidar: Lidar | None) -> FieldConfig:
         names = ", ".join([*ESTIMATORS, PAPER])
         raise ConfigError(
             f"--field must be one of {names}, or a file (.json or .npz), not {short_repr(name)}"
-            f"{suggestion_text(name, [*ESTIMATORS, PAPER])}"
+            f"{format_suggestion(name, [*ESTIMATORS, PAPER])}"
         )
     kind: Any = estimator_class(name)
     if kind.casts_rays:
@@ -486,13 +486,13 @@ def with_lidar(config: FieldConfig, lidar: Lidar | None) -> FieldConfig:
     )
 
 
-def with_range(config: FieldConfig, reach: float) -> FieldConfig:
+def with_range(config: FieldConfig, lidar_range: float) -> FieldConfig:
     """Return settings with another range of the lidar, or of the template [m]."""
     lidar = getattr(config.estimator, "lidar", None)
     if lidar:
-        return with_lidar(config, dataclasses.replace(lidar, range=reach))
+        return with_lidar(config, dataclasses.replace(lidar, range=lidar_range))
     estimator: Any = config.estimator
-    return dataclasses.replace(config, estimator=dataclasses.replace(estimator, range=reach))
+    return dataclasses.replace(config, estimator=dataclasses.replace(estimator, range=lidar_range))
 
 
 Weight = Annotated[

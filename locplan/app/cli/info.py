@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import locplan
 from locplan._support.files import PICTURES, check_target
-from locplan._support.output import Output as Target
+from locplan._support.output import ResultOutput as Target
 from locplan._support.progress import show_progress_bar, show_spinner
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import MapFile, Switch
@@ -52,7 +52,7 @@ def info(
         List the settings for --set with their values.
     """
     from locplan._support.drawing import save_figure
-    from locplan.planning.figures import info_figure
+    from locplan.planning.figures import map_info_figure
     from locplan.planning.map_info import describe_map
     from locplan.planning.metrics import compare_lidars, make_lidar_table
     from locplan.robots.robot import list_settings
@@ -85,7 +85,7 @@ def info(
         values["lidars"] = compared_table.records()
     if target and target.is_file:
         with show_spinner("drawing"), target.writing() as new:
-            save_figure(info_figure(described), new)
+            save_figure(map_info_figure(described), new)
     elif target:
         with target.writing(adds=True) as new:
             locplan.save_map(described.grid, new / f"{described.grid.name}.yaml")

@@ -93,7 +93,7 @@ def landmarks(
     kind = parse_object(object)
     drives = DRIVES if drives is None else drives
     check_drives(drives, or_none=True)
-    simulated, grid = robot.load_simulated(), locplan.load_map(map_file)
+    simulated, grid = robot.load_with_field_lidar(), locplan.load_map(map_file)
     output.check(Landmarks.files)
     with show_progress_bar("placing landmarks", "objects") as progress:
         result = locplan.place_landmarks(

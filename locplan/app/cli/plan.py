@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 import locplan
-from locplan._support.progress import show_later_progress_bar, show_spinner
+from locplan._support.progress import show_progress_bar_from_first_step, show_spinner
 from locplan._support.runs import format_argument, get_command_line
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
@@ -153,7 +153,7 @@ def plan(
             seed=seed != SEED,
             filter_map=filter_map,
         )
-        return _find_front(map_file, start, goal, zones, robot, field, threads, output)
+        return _show_pareto_front(map_file, start, goal, zones, robot, field, threads, output)
     simulated, config = field.resolve(robot.load())
     if simulated.lidar is not None and drives != 0:
         robot.warn(simulated)
@@ -174,7 +174,7 @@ def plan(
     grid = locplan.load_map(map_file)
     polygons = load_zones(zones, grid)
     settings = _import_settings()
-    with show_later_progress_bar("simulating the candidates", "drives") as progress:
+    with show_progress_bar_from_first_step("simulating the candidates", "drives") as progress:
         recommendation = locplan.recommend_path(
             grid,
             start,
@@ -265,7 +265,7 @@ def _suggest_next_step(
     return ()
 
 
-def _find_front(
+def _show_pareto_front(
     map_file: Any,
     start: Any,
     goal: Any,

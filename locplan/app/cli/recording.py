@@ -18,7 +18,7 @@ from locplan.app.cli.arguments import (
     Pose,
     Shift,
     make_validator,
-    protect_map,
+    protect_map_files,
     reject_options,
 )
 from locplan.app.cli.groups import SEED, OutputOptions, RobotOptions, Seed, Threads
@@ -27,7 +27,7 @@ from locplan.errors import ConfigError
 Topic = Annotated[str | None, Parameter(metavar="TOPIC")]
 Frame = Annotated[str | None, Parameter(metavar="FRAME")]
 DriveFile = Annotated[Path, Parameter("FILE"), INPUT]
-OptionalMap = Annotated[Path | None, Parameter("MAP"), make_validator(protect_map)]
+OptionalMap = Annotated[Path | None, Parameter("MAP"), make_validator(protect_map_files)]
 
 
 @command(

@@ -56,7 +56,7 @@ def repair(
     from locplan.maps.files import read_map
 
     output.check(RepairedMap.files)
-    check_repair_helps(robot.nav2_file("amcl"))
+    check_repair_helps(robot.find_nav2_file("amcl"))
     simulated, grid = robot.load(), locplan.load_map(map_file)
     with show_progress_bar(f"repairing {grid.name}", "drives") as progress:
         result = locplan.repair(

@@ -110,7 +110,7 @@ def simulate(
     from locplan.maps.files import find_maps
     from locplan.planning import plans
     from locplan.planning.plans import plan_with_shortest
-    from locplan.planning.queries import MIN_DISTANCE, check_random, random_queries
+    from locplan.planning.queries import MIN_DISTANCE, check_random_query_options, random_queries
     from locplan.simulation import simulations
     from locplan.simulation.arrivals import ClosedLoopSettings
     from locplan.simulation.drives import DEFAULT_DRIVES
@@ -156,7 +156,7 @@ def simulate(
     if random is not None:
         reject_options("with --random", closed_loop=closed_loop)
         distance = MIN_DISTANCE if min_distance is None else min_distance
-        check_random(random, seed, distance)
+        check_random_query_options(random, seed, distance)
         kind = RoutesOnMaps
         output.check(kind.files, *kind.pictures([grid.name for grid in grids]))
         routes = []

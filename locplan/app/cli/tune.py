@@ -82,12 +82,12 @@ def tune(
     from locplan.maps.files import find_maps
     from locplan.recordings.replays import RUNS
     from locplan.robots.parameters import read_parameters
-    from locplan.simulation.amcl_parameters import check_tunable
+    from locplan.simulation.amcl_parameters import check_can_write_tuning
 
     output.check(Tuning.files)
-    params = robot.nav2_file("amcl")
+    params = robot.find_nav2_file("amcl")
     if output.output:
-        check_tunable(params)
+        check_can_write_tuning(params)
     further_parameters = read_parameters(params).read_node_parameters("amcl")
     if not recording:
         grids = [locplan.load_map(file) for file in find_maps(*maps)]

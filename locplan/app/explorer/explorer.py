@@ -26,7 +26,7 @@ from locplan.planning.costmap import Costmap
 from locplan.robots.robot import Robot
 
 if TYPE_CHECKING:
-    from locplan.app.explorer.scene import Opening
+    from locplan.app.explorer.scene import StartSettings
     from locplan.app.explorer.server import ExplorerServer
     from locplan.app.explorer.session import Session
 
@@ -153,8 +153,8 @@ def explore(
     ...     page.address.startswith("http://127.0.0.1:")
     True
     """
-    from locplan.app.explorer.scene import Opening
-    from locplan.app.explorer.sites import zones_as_changes
+    from locplan.app.explorer.scene import StartSettings
+    from locplan.app.explorer.sites import changes_from_zones
 
     check_grid(grid)
     zones = normalize_zones(zones)
@@ -171,7 +171,7 @@ def explore(
     module = sys.modules.get("IPython")
     shell = module.get_ipython() if module is not None else None
     is_notebook = getattr(shell, "kernel", None) is not None
-    opening = Opening(config, robot, folder=target, changes=zones_as_changes(zones))
+    opening = StartSettings(config, robot, folder=target, changes=changes_from_zones(zones))
     explorer = open_explorer(grid, opening, port=port, field=field)
     if open_browser and not is_notebook:
         explorer.open()
@@ -186,7 +186,7 @@ def check_installed() -> None:
 
 def open_explorer(
     grid: OccupancyGrid,
-    opening: Opening,
+    opening: StartSettings,
     *,
     port: int = 0,
     field: CovarianceField | None = None,
@@ -233,10 +233,10 @@ def open_explorer(
     return Explorer(server)
 
 
-def _check_stops(costs: Costmap, opening: Opening) -> None:
+def _check_stops(costs: Costmap, start_settings: StartSettings) -> None:
     """Raise a PoseError if a stop of the first route lies outside the map."""
-    stops = {"start": opening.start, "goal": opening.goal}
-    stops |= {f"waypoint {n}": xy for n, xy in enumerate(opening.via, 1)}
+    stops = {"start": start_settings.start, "goal": start_settings.goal}
+    stops |= {f"waypoint {n}": xy for n, xy in enumerate(start_settings.via, 1)}
     for role, xy in stops.items():
         if xy is not None and not costs.grid.contains(*costs.grid.cell(xy[:2])):
             costs.find_cell(xy, role)

@@ -40,7 +40,7 @@ def export_masks(
     job.progress(0, 1)
     make_folder(opening.folder)
     name = f"{make_map_file_name(site.grid.name)}-nav2"
-    target = opening.folder / name if opening.force else _unused_folder(opening.folder, name)
+    target = opening.folder / name if opening.force else _find_unused_folder(opening.folder, name)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         nav2_keepout(
@@ -65,7 +65,7 @@ def make_map_file_name(name: str) -> str:
     return re.sub(r"[^\w.-]+", "_", name).strip("._-")[:80] or "map"
 
 
-def _unused_folder(folder: Path, name: str) -> Path:
+def _find_unused_folder(folder: Path, name: str) -> Path:
     """Return an unused path in a folder, with a number if the name is taken."""
     names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
     targets = (folder / unused for unused in names)

@@ -15,7 +15,7 @@ from locplan.planning.path import Path
 from locplan.planning.protocol import Position
 
 if TYPE_CHECKING:
-    from locplan.app.explorer.scene import Opening
+    from locplan.app.explorer.scene import StartSettings
     from locplan.app.explorer.searches import PathSearches
 
 NAMES = "ABCDEFG"
@@ -35,7 +35,7 @@ class RouteStops:
 
 
 def choose_first_route(
-    searches: PathSearches, opening: Opening, *, is_draft: bool
+    searches: PathSearches, start_settings: StartSettings, *, is_draft: bool
 ) -> RouteStops | None:
     """Return the pair of distant places whose two paths differ most; None without a free place.
 
@@ -46,16 +46,16 @@ def choose_first_route(
     ----------
     searches : Searches
         The searches on a scene with a field.
-    opening : Opening
+    start_settings : Opening
         The settings of the session, which may name the start or the goal.
     is_draft : bool
         If True, plan on larger cells.
     """
     places, scene = find_far_places(searches), searches.scene
-    starts = [opening.start] if opening.start else places
-    goals = [opening.goal] if opening.goal else places
+    starts = [start_settings.start] if start_settings.start else places
+    goals = [start_settings.goal] if start_settings.goal else places
     pairs = [(a, b) for a, b in itertools.product(starts, goals) if a != b]
-    if not opening.start and not opening.goal:
+    if not start_settings.start and not start_settings.goal:
         pairs = list(itertools.combinations(sorted(places), 2))
     if not pairs:
         return RouteStops(places[0], places[0]) if places else None
@@ -70,7 +70,7 @@ def choose_first_route(
         )
         return (shortest - recommended) ** 2 / shortest if shortest > recommended else 0.0
 
-    return RouteStops(*max(pairs, key=rank), opening.via)
+    return RouteStops(*max(pairs, key=rank), start_settings.via)
 
 
 def _measure_degenerate_length(costs: Costmap, path: Path) -> float:

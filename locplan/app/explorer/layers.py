@@ -49,7 +49,7 @@ def _make_degeneracy_layer(field: CovarianceField) -> PictureLayer:
     """Return the layer of the degeneracy u, computed as in costmaps."""
     criterion = field.config.estimator.criterion
     values = field.scalar(criterion, with_q=True)
-    u = compute_shares(values, *field.anchors(criterion), is_log=criterion not in field.layers)
+    u = normalize_values(values, *field.anchors(criterion), is_log=criterion not in field.layers)
     texels = _make_texels(u.mean(axis=2) if u.ndim == 3 else u)
     title = "How well a scan fixes the position"
     return PictureLayer("degeneracy", title, "", 0.0, 1.0, "linear", ("well", "not at all"), texels)
@@ -61,12 +61,12 @@ def _make_deviation_layer(field: CovarianceField) -> PictureLayer:
     values, ends = field.scalar("position_std", headings="mean"), field.anchors("position_std")
     low, high = (scalar.factor * end for end in ends)
     labels = f"{low:.2g} {scalar.unit}", f"{high:.2g} {scalar.unit}"
-    texels = _make_texels(compute_shares(values, *ends, is_log=True))
+    texels = _make_texels(normalize_values(values, *ends, is_log=True))
     title = "Standard deviation of the position"
     return PictureLayer("deviation", title, scalar.unit, low, high, "log", labels, texels)
 
 
-def compute_shares(values: Floats, low: float, high: float, *, is_log: bool) -> Floats:
+def normalize_values(values: Floats, low: float, high: float, *, is_log: bool) -> Floats:
     """Return where values lie between two ends, from 0 to 1; NaN for NaN."""
     with np.errstate(invalid="ignore", divide="ignore"):
         if is_log:

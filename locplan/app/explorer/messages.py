@@ -45,12 +45,16 @@ class Question:
 
     def position(self, name: str) -> tuple[float, float]:
         """Return a position in the world, [x, y] [m]."""
-        return check_position(self._check(name, _is_pair, "[x, y] in metres"), name=name)
+        return check_position(
+            self._check_value(name, _is_position_pair, "[x, y] in metres"), name=name
+        )
 
     def positions(self, name: str, limit: int = 50) -> list[tuple[float, float]]:
         """Return positions in the world, [[x, y], ...] [m]; none without a value."""
         expected = f"up to {limit} positions [x, y]"
-        values = self._check_list(name, limit, _is_pair, expected) if self.has(name) else []
+        values = (
+            self._check_list(name, limit, _is_position_pair, expected) if self.has(name) else []
+        )
         return [check_position(value, name=name) for value in values]
 
     def number(self, name: str, low: float, high: float, default: Default) -> float | Default:
@@ -64,17 +68,21 @@ class Question:
     def text(self, name: str, default: Default) -> str | Default:
         """Return a text in one line, or the default."""
         expected = f"a text of at most {MAX_TEXT} characters in one line"
-        return str(self._check(name, _is_line, expected)) if self.has(name) else default
+        return (
+            str(self._check_value(name, _is_single_line, expected)) if self.has(name) else default
+        )
 
     def flag(self, name: str) -> bool:
         """Return a boolean; False without a value."""
         kinds = bool, type(None)
-        return bool(self._check(name, lambda value: isinstance(value, kinds), "true or false"))
+        return bool(
+            self._check_value(name, lambda value: isinstance(value, kinds), "true or false")
+        )
 
     def mapping(self, name: str) -> dict[str, Any]:
         """Return an object whose values are not checked; empty without a value."""
         kinds = dict, type(None)
-        value = self._check(name, lambda value: isinstance(value, kinds), "an object")
+        value = self._check_value(name, lambda value: isinstance(value, kinds), "an object")
         return dict(value or {})
 
     def items(self, name: str, limit: int) -> list[Question]:
@@ -89,9 +97,9 @@ class Question:
         def is_right(values: Any) -> bool:
             return isinstance(values, list) and len(values) <= limit and all(map(is_item, values))
 
-        return list(self._check(name, is_right, expected))
+        return list(self._check_value(name, is_right, expected))
 
-    def _check(self, name: str, is_right: Callable[[Any], bool], expected: str) -> Any:
+    def _check_value(self, name: str, is_right: Callable[[Any], bool], expected: str) -> Any:
         """Return a value; raise a ConfigError that names the expected kind if it is wrong."""
         value = self.values.get(name)
         if not is_right(value):
@@ -99,11 +107,11 @@ class Question:
         return value
 
 
-def _is_line(value: object) -> bool:
+def _is_single_line(value: object) -> bool:
     return isinstance(value, str) and len(value) <= MAX_TEXT and value == make_printable(value)
 
 
-def _is_pair(value: object) -> bool:
+def _is_position_pair(value: object) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
 
 

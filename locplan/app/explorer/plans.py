@@ -11,11 +11,11 @@ import numpy as np
 from locplan._support.checks import RESOLUTIONS
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.app.explorer.messages import MAX_WEIGHT
-from locplan.app.explorer.scene import FACTOR, MapScene, Opening, read_stops
+from locplan.app.explorer.scene import FACTOR, MapScene, StartSettings, read_stops
 from locplan.app.explorer.searches import PathSearches, PathTree
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
-from locplan.planning.metrics import crossed_cells
+from locplan.planning.metrics import find_cells_of_path
 from locplan.planning.path import Path
 from locplan.planning.protocol import Position
 
@@ -86,7 +86,7 @@ def prepare_searches(
         job.check()
         searches.coarse_grid(weight)
     grids = [searches.grid(weight).bordered for weight in weights]
-    room = session.searches.limit - PathTree.expected_bytes(grids[0])
+    room = session.searches.limit - PathTree.estimate_search_bytes(grids[0])
     # A coarse costmap takes three arrays of coarse cells.
     room -= sum(grid.half.nbytes + 3 * grid.half.nbytes // FACTOR**2 for grid in grids)
     for stop in _sort_by_drag_frequency(stops):
@@ -105,15 +105,15 @@ def _sort_by_drag_frequency(stops: Sequence[Position]) -> list[Position]:
     return list(dict.fromkeys(order))
 
 
-def has_drafts(opening: Opening, grid: OccupancyGrid) -> bool:
+def has_drafts(start_settings: StartSettings, grid: OccupancyGrid) -> bool:
     """Return True if drafts are planned on larger cells: on large maps, up to 10 m a cell."""
-    is_large = max(grid.shape) > opening.limits.draft_cells
+    is_large = max(grid.shape) > start_settings.limits.draft_cells
     return is_large and grid.resolution * FACTOR <= RESOLUTIONS[1]
 
 
 def find_crossed_cells(costs: Costmap, path: Path) -> tuple[Ints, Ints, Floats]:
     """Return the rows and columns of the cells that a path crosses, and the lengths in them."""
-    _, *at, lengths = crossed_cells(costs.grid, path)
+    _, *at, lengths = find_cells_of_path(costs.grid, path)
     rows, cols = (np.clip(i, 0, n - 1) for i, n in zip(at, costs.grid.shape, strict=True))
     return rows, cols, lengths
 

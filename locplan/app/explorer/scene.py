@@ -58,7 +58,7 @@ class SceneLimits:
 
 
 @dataclass(frozen=True)
-class Opening:
+class StartSettings:
     """Settings with which a session opens."""
 
     config: FieldConfig
@@ -84,7 +84,7 @@ class Opening:
     force: bool = False
     """True replaces earlier exports."""
     changes: tuple[Change, ...] = ()
-    """Initial changes, see `zones_as_changes`."""
+    """Initial changes, see `changes_from_zones`."""
     report: CheckReport | None = None
     """Report of a check to show."""
     limits: SceneLimits = SceneLimits()
@@ -118,15 +118,15 @@ class FreeParts:
             return labels == label if label else labels > 0
 
         reach = MAX_MOVE / self.grid.resolution
-        return nearest_centre(self.grid, xy, reach, self.labels, is_right)
+        return find_nearest_centre(self.grid, xy, reach, self.labels, is_right)
 
 
-def nearest_centre(
+def find_nearest_centre(
     grid: OccupancyGrid,
     xy: Position,
-    reach: float,
+    max_distance: float,
     values: NDArray[Any],
-    is_right: Callable[[NDArray[Any]], Bools],
+    is_suitable: Callable[[NDArray[Any]], Bools],
 ) -> Position | None:
     """Return the centre [m] of the nearest cell with a suitable value; None without one.
 
@@ -136,19 +136,19 @@ def nearest_centre(
         The map.
     xy : (x, y)
         The position [m].
-    reach : float
+    max_distance : float
         Maximum distance [cells].
     values : (H, W) array
         Values of the cells.
-    is_right : callable
+    is_suitable : callable
         Function that returns the mask of suitable values.
     """
     at = np.array([float(v) for v in grid.world_to_grid(*xy[:2])])
     row, col = at.tolist()
-    window = find_window(row, col, reach, grid.shape)
-    cells = np.argwhere(is_right(values[window])) + [axis.start for axis in window]
+    window = find_window(row, col, max_distance, grid.shape)
+    cells = np.argwhere(is_suitable(values[window])) + [axis.start for axis in window]
     squared = ((cells + 0.5 - at) ** 2).sum(axis=1)
-    if squared.min(initial=np.inf) > reach**2:
+    if squared.min(initial=np.inf) > max_distance**2:
         return None
     row, col = cells[squared.argmin()]
     return grid.position(int(row), int(col))
@@ -195,23 +195,23 @@ def read_stops(question: Question, parts: FreeParts) -> tuple[list[Position], in
     return snap_stops(parts, stops, held), held
 
 
-def coarse_costs(fine: Costmap, factor: int = FACTOR) -> Costmap:
+def coarsen_costs(fine_costs: Costmap, factor: int = FACTOR) -> Costmap:
     """Return the costmap of larger cells: free if at least half is, at the mean degeneracy.
 
     Without a field it has a degeneracy of 0.
     """
-    shape = -(-fine.grid.shape[0] // factor), -(-fine.grid.shape[1] // factor)
+    shape = -(-fine_costs.grid.shape[0] // factor), -(-fine_costs.grid.shape[1] // factor)
     total, count = np.zeros(shape), np.zeros(shape, np.uint8)
     for row, col in itertools.product(range(factor), repeat=2):  # no copy of the whole map
         strided_cells = slice(row, None, factor), slice(col, None, factor)
-        free, u = np.isfinite(fine.density[strided_cells]), fine.u[strided_cells]
+        free, u = np.isfinite(fine_costs.density[strided_cells]), fine_costs.u[strided_cells]
         at = slice(0, free.shape[0]), slice(0, free.shape[1])
         total[at] += np.where(free & ~np.isnan(u), u, 0.0)
         count[at] += free
     cells = np.where(count >= factor * factor / 2, FREE, UNKNOWN).astype(np.uint8)
-    grid = OccupancyGrid(cells, fine.grid.resolution * factor, fine.grid.origin)
+    grid = OccupancyGrid(cells, fine_costs.grid.resolution * factor, fine_costs.grid.origin)
     # Cells in no-go zones are blocked already.
-    zones = Zones([zone for zone in fine.zones if zone.kind == "prefer"])
+    zones = Zones([zone for zone in fine_costs.zones if zone.kind == "prefer"])
     return Costmap.from_layers(grid, u=total / np.maximum(count, 1), robot=0.0, zones=zones)
 
 
@@ -274,7 +274,7 @@ class MapScene:
     @cached_property
     def coarse(self) -> Costmap:
         """The costmap in larger cells, for drafts."""
-        return coarse_costs(self.costs)
+        return coarsen_costs(self.costs)
 
     @property
     def bytes(self) -> int:

@@ -14,12 +14,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from locplan._support.kernels.arrays import Ints, Octets
-from locplan.app.explorer.scene import MapScene, nearest_centre
+from locplan.app.explorer.scene import MapScene, find_nearest_centre
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE
-from locplan.planning.any_angle import AnyAngle, any_angle_path
+from locplan.planning.any_angle import AnyAngle, make_any_angle_path
 from locplan.planning.costmap import Costmap
-from locplan.planning.grid import PaddedCostmap, bordered_index
+from locplan.planning.grid import PaddedCostmap, find_bordered_index
 from locplan.planning.path import Path
 from locplan.planning.protocol import Position
 
@@ -82,10 +82,10 @@ class ResultStore:
         result = create()
         return self.put(key, result, size(result))
 
-    def forget(self, unless: Callable[[Any], bool] = lambda key: False) -> None:
+    def forget(self, is_kept: Callable[[Any], bool] = lambda key: False) -> None:
         """Drop the results whose keys do not satisfy a condition; by default all."""
         with self._lock:
-            self._drop([key for key in self._results if not unless(key)])
+            self._drop([key for key in self._results if not is_kept(key)])
 
     def _shrink(self, limit: float, min_count: int) -> None:
         """Drop the least recently used results above a limit, but keep a minimum number."""
@@ -119,16 +119,16 @@ class SearchGrid:
 
     def index(self, xy: Position) -> int:
         """Return the index of the cell at a world position [m] in the bordered grid."""
-        return bordered_index(self.costs, xy, "position")
+        return find_bordered_index(self.costs, xy, "position")
 
-    def nearest_free(self, xy: Position) -> Position | None:
+    def find_nearest_free(self, xy: Position) -> Position | None:
         """Return a free position, or the centre of a free cell near it [m]; None without one."""
         grid, density = self.costs.grid, self.costs.density
         row, col = grid.cell(xy[:2])
         if grid.contains(row, col) and np.isfinite(density[row, col]):
             return xy
         # Near a free place, a cell at most two away is free for its greater part.
-        return nearest_centre(grid, xy, 2.5 * math.sqrt(2), density, np.isfinite)
+        return find_nearest_centre(grid, xy, 2.5 * math.sqrt(2), density, np.isfinite)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ class PathTree:
         cls.search(grid.bordered, first).cells(grid.bordered, first, last)
 
     @staticmethod
-    def expected_bytes(bordered: PaddedCostmap) -> int:
+    def estimate_search_bytes(bordered: PaddedCostmap) -> int:
         """Return the bytes of a running search, including its costs."""
         return bordered.half.nbytes + bordered.half.size
 
@@ -234,7 +234,7 @@ class PathSearches:
             ("coarse tree" if is_draft else "tree", self.scene.key, weight, root),
             lambda: PathTree.search(grid.bordered, root, check),
             lambda tree: tree.steps.nbytes,
-            PathTree.expected_bytes(grid.bordered),
+            PathTree.estimate_search_bytes(grid.bordered),
         )
 
     def path(
@@ -246,7 +246,7 @@ class PathSearches:
         is_draft: bool = False,
     ) -> Path | None:
         """Return the path over all stops, one of which may be dragged; None if a leg has none."""
-        find = self._draft if is_draft else self._leg
+        find = self._find_draft_leg if is_draft else self._find_leg
         legs: list[Path] = []
         for n, (start, goal) in enumerate(itertools.pairwise(stops)):
             self.check()
@@ -257,7 +257,9 @@ class PathSearches:
             legs.append(leg)
         return legs[0] if len(legs) == 1 else Path.join(legs)
 
-    def _leg(self, weight: Weight, start: Position, goal: Position, moving: str) -> Path | None:
+    def _find_leg(
+        self, weight: Weight, start: Position, goal: Position, moving_end: str
+    ) -> Path | None:
         """Return the any-angle path of a leg; None if there is none.
 
         If one end moves, the search from the other end is stored for paths in both directions. It
@@ -268,8 +270,8 @@ class PathSearches:
         if path is not None:
             return path
         grid = self.grid(weight)
-        if moving:
-            self.tree(weight, goal if moving == "start" else start)
+        if moving_end:
+            self.tree(weight, goal if moving_end == "start" else start)
         ends = grid.index(start), grid.index(goal)
         trees = (self.store.get(("tree", self.scene.key, weight, end)) for end in ends)
         tree: PathTree | None = next(filter(None, trees), None)
@@ -279,21 +281,23 @@ class PathSearches:
                 AnyAngle().solve_prepared(grid.costs, grid.bordered, start, goal, self.check).path
             )
         elif (cells := tree.cells(grid.bordered, *ends)) is not None:
-            path = any_angle_path(grid.costs, grid.bordered, cells, start, goal)
+            path = make_any_angle_path(grid.costs, grid.bordered, cells, start, goal)
         return None if path is None else self.store.put(key, path, path.xy.nbytes)
 
-    def _draft(self, weight: Weight, start: Position, goal: Position, moving: str) -> Path | None:
+    def _find_draft_leg(
+        self, weight: Weight, start: Position, goal: Position, moving_end: str
+    ) -> Path | None:
         """Return the path of a leg on larger cells; None if there is none."""
         grid = self.coarse_grid(weight)
-        first, last = grid.nearest_free(start), grid.nearest_free(goal)
+        first, last = grid.find_nearest_free(start), grid.find_nearest_free(goal)
         if first is None or last is None:
             return None
         # The search starts from the end that does not move.
-        tree = self.tree(weight, last if moving == "start" else first, is_draft=True)
+        tree = self.tree(weight, last if moving_end == "start" else first, is_draft=True)
         cells = tree.cells(grid.bordered, grid.index(first), grid.index(last))
         if cells is None:
             return None
-        path = any_angle_path(grid.costs, grid.bordered, cells, first, last)
+        path = make_any_angle_path(grid.costs, grid.bordered, cells, first, last)
         return Path(np.vstack([start, path.xy[1:-1], goal]))
 
 

@@ -29,7 +29,7 @@ from locplan._support.kernels.arrays import Octets
 from locplan.app.explorer.layers import make_cell_classes
 from locplan.app.explorer.messages import MAX_MESSAGE
 from locplan.app.explorer.questions import Lane
-from locplan.app.explorer.session import Download, Session
+from locplan.app.explorer.session import PageDownload, Session
 from locplan.app.explorer.socket import PageSocket
 from locplan.app.explorer.state import describe_session
 from locplan.errors import ConfigError
@@ -63,39 +63,39 @@ class RequestGuard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on a request that is allowed, and answer any other."""
-        response, inner = self._refusal(HTTPConnection(scope)), self._without_secret(scope)
+        response, inner = self._find_refusal(HTTPConnection(scope)), self._remove_secret(scope)
         if response is None and inner is None:
             response = _make_refusal(403, "open the address that locplan printed")
 
-        async def send_sealed(message: Message) -> None:
+        async def send_with_security_headers(message: Message) -> None:
             """Add the security headers to a response."""
             if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", []), *self._rules]
+                message["headers"] = [*message.get("headers", []), *self._security_headers]
             await send(message)
 
         if response is not None and scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})  # policy violation
         else:
-            await (response or self.app)(inner or scope, receive, send_sealed)
+            await (response or self.app)(inner or scope, receive, send_with_security_headers)
 
     @property
-    def _names(self) -> list[str]:
+    def _host_names(self) -> list[str]:
         """Host names of this machine, with the port."""
         return [f"127.0.0.1:{self.port}", f"localhost:{self.port}"]
 
-    def _refusal(self, link: HTTPConnection) -> Response | None:
+    def _find_refusal(self, link: HTTPConnection) -> Response | None:
         """Return the answer to a request that is refused even with the secret; None if allowed."""
         hosts, origins = link.headers.getlist("host"), link.headers.getlist("origin")
-        if len(hosts) != 1 or hosts[0] not in self._names:
+        if len(hosts) != 1 or hosts[0] not in self._host_names:
             return _make_refusal(400, "this server answers only at 127.0.0.1")
-        pages = [[f"http://{name}"] for name in self._names]
+        pages = [[f"http://{name}"] for name in self._host_names]
         if origins not in (pages if link.scope["type"] == "websocket" else [[], *pages]):
             return _make_refusal(403, "this server answers only its own page")
         if link.scope.get("method", "GET") not in ("GET", "HEAD"):
             return _make_refusal(405, "this server only allows reading", {"allow": "GET, HEAD"})
         return None
 
-    def _without_secret(self, scope: Scope) -> Scope | None:
+    def _remove_secret(self, scope: Scope) -> Scope | None:
         """Return a request without the secret in its path; None if the secret is wrong."""
         first, slash, rest = scope["path"].removeprefix("/").partition("/")
         is_secret = hmac.compare_digest(first.encode("utf-8", "replace"), self.secret.encode())
@@ -104,8 +104,8 @@ class RequestGuard:
         return {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode()}
 
     @property
-    def _rules(self) -> list[tuple[bytes, bytes]]:
-        sockets = " ".join(f"ws://{name}" for name in self._names)
+    def _security_headers(self) -> list[tuple[bytes, bytes]]:
+        sockets = " ".join(f"ws://{name}" for name in self._host_names)
         policy = (
             "default-src 'none'; script-src 'self'; style-src 'self'; font-src 'self';"
             f" img-src 'self' data: blob:; connect-src 'self' {sockets};"
@@ -129,7 +129,7 @@ class ExplorerServer:
         self._listener = _open_listener(port)
         self.port = int(self._listener.getsockname()[1])
         self.secret = secrets.token_urlsafe(32)
-        self._server = self._configure(RequestGuard(self._routes(), self.port, self.secret))
+        self._server = self._configure(RequestGuard(self._make_routes(), self.port, self.secret))
         self._thread = threading.Thread(
             target=self._server.run, args=([self._listener],), name="explorer", daemon=True
         )
@@ -173,14 +173,14 @@ class ExplorerServer:
         )
         return uvicorn.Server(config)
 
-    def _routes(self) -> Starlette:
+    def _make_routes(self) -> Starlette:
         app = Starlette(
             routes=[
                 Route("/", self._file),
                 Route("/about", self._answer_description),
                 Route("/cells/{digest}", self._cells),
-                Route("/layers/{digest}/{name}", self._layer),
-                Route("/download/{key}", self._download),
+                Route("/layers/{digest}/{name}", self._answer_layer),
+                Route("/download/{key}", self._answer_download),
                 WebSocketRoute("/socket", self._socket),
                 Route("/{name}", self._file),
             ]
@@ -208,14 +208,14 @@ class ExplorerServer:
     def _cells(self, request: Request) -> Response:
         digest, grid = request.path_params["digest"], self.session.grid
         cells = make_cell_classes(grid.cells) if digest == grid.digest else None
-        return self._array(("cells", digest), cells)
+        return self._answer_array(("cells", digest), cells)
 
-    def _layer(self, request: Request) -> Response:
+    def _answer_layer(self, request: Request) -> Response:
         digest, name = request.path_params["digest"], request.path_params["name"]
         layer = self.session.layers(digest).get(name)
-        return self._array(("layer", digest, name), layer.texels if layer else None)
+        return self._answer_array(("layer", digest, name), layer.texels if layer else None)
 
-    def _array(self, key: tuple[str, ...], octets: Octets | None) -> Response:
+    def _answer_array(self, key: tuple[str, ...], octets: Octets | None) -> Response:
         """Answer with an array that never changes; compress it only once."""
         packed: bytes | None = self.session.files.get(key)
         if packed is None:
@@ -226,8 +226,10 @@ class ExplorerServer:
         headers = {"cache-control": "private, max-age=31536000, immutable", **GZIP}
         return Response(packed, headers=headers, media_type="application/octet-stream")
 
-    async def _download(self, request: Request) -> Response:
-        download: Download | None = self.session.files.get(("download", request.path_params["key"]))
+    async def _answer_download(self, request: Request) -> Response:
+        download: PageDownload | None = self.session.files.get(
+            ("download", request.path_params["key"])
+        )
         if download is None:
             return _answer_missing()
         name = re.sub(r"[^A-Za-z0-9._-]", "_", download.name)

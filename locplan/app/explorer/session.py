@@ -17,7 +17,7 @@ from locplan.app.explorer.layers import PictureLayer, make_layers
 from locplan.app.explorer.messages import Cancelled, CancelToken, Question, QuestionJob
 from locplan.app.explorer.plans import has_drafts
 from locplan.app.explorer.repairs import compute_scene, make_blank_scene, repair_scene
-from locplan.app.explorer.scene import MapScene, Opening
+from locplan.app.explorer.scene import MapScene, StartSettings
 from locplan.app.explorer.searches import PathSearches, PathTree, ResultStore
 from locplan.app.explorer.sites import Change, ExploredSite
 from locplan.app.explorer.weak_spots import NamedSpot, name_weak_spots
@@ -28,7 +28,7 @@ from locplan.planning.any_angle import AnyAngle
 
 
 @dataclass(frozen=True)
-class Download:
+class PageDownload:
     """A file for the page to download."""
 
     name: str
@@ -51,7 +51,7 @@ class Session:
         The settings of the session.
     """
 
-    def __init__(self, grid: OccupancyGrid, opening: Opening) -> None:
+    def __init__(self, grid: OccupancyGrid, opening: StartSettings) -> None:
         self.opening = opening
         self.original = ExploredSite(grid, opening.config, opening.robot)
         self.changes = opening.changes
@@ -129,7 +129,7 @@ class Session:
                 scene, scenes = make_blank_scene(site), self._compute(site, cancel)
                 self.busy = 0, 0
             self.changes = tuple(changes)
-            self._show(scene)
+            self._show_scene(scene)
             self._work = self._worker.submit(self._show_scenes, scenes, cancel)
             return scene
 
@@ -193,7 +193,7 @@ class Session:
             The content.
         """
         key = secrets.token_urlsafe(16)
-        self.files.put(("download", key), Download(name, content), len(content))
+        self.files.put(("download", key), PageDownload(name, content), len(content))
         return key
 
     def answer(
@@ -234,7 +234,7 @@ class Session:
 
         return report
 
-    def _show(self, scene: MapScene) -> None:
+    def _show_scene(self, scene: MapScene) -> None:
         self.scene = scene
         if scene.field is not None and scene.is_whole:
             self.busy = None
@@ -248,7 +248,7 @@ class Session:
             for scene in scenes:
                 with self.lock:
                     cancel.check()
-                    self._show(scene)
+                    self._show_scene(scene)
             self._find_spots_and_route(cancel)
         except Exception as error:
             if cancel.is_cancelled:  # also if a pool was closed meanwhile

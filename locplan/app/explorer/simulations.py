@@ -16,7 +16,7 @@ from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.path import Path
 from locplan.planning.plans import SHORTEST
-from locplan.simulation.problem import ComputeField, RecommendationSettings
+from locplan.simulation.problem import FieldFunction, RecommendationSettings
 from locplan.simulation.race import Candidate
 from locplan.simulation.recommendation import RUN_CHECK, Recommendation
 from locplan.simulation.recommender import recommend_path
@@ -67,7 +67,7 @@ def simulate_route(
     return describe_recommendation(recommendation)
 
 
-def _make_field_reader(field: CovarianceField) -> ComputeField:
+def _make_field_reader(field: CovarianceField) -> FieldFunction:
     """Return a function that returns the field at some of its points."""
 
     def compute(grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField:

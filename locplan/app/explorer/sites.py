@@ -110,7 +110,7 @@ def _draw_line(
 
 
 def _with_lidar(
-    config: FieldConfig, robot: Robot, name: str | None, reach: float | None
+    config: FieldConfig, robot: Robot, name: str | None, lidar_range: float | None
 ) -> tuple[FieldConfig, Robot]:
     """Return the field settings and the robot with another lidar or range."""
     estimator: Any = config.estimator
@@ -118,9 +118,9 @@ def _with_lidar(
     if lidar is None and estimator.casts_rays:
         lidar = dataclasses.replace(SHORT_LIDAR, model="assumed lidar")
     if lidar is None:  # such as Sad, whose range is a setting
-        estimator = dataclasses.replace(estimator, range=reach) if reach else estimator
+        estimator = dataclasses.replace(estimator, range=lidar_range) if lidar_range else estimator
     else:
-        lidar = dataclasses.replace(lidar, range=reach) if reach else lidar
+        lidar = dataclasses.replace(lidar, range=lidar_range) if lidar_range else lidar
         estimator = estimator.with_lidar(lidar)
         robot = dataclasses.replace(robot, lidar=lidar)
     return FieldConfig(estimator, stride=config.stride, headings=config.headings), robot
@@ -138,15 +138,15 @@ def read_changes(question: Question) -> tuple[Change, ...]:
 
 
 def _read_change(change: Question) -> Change:
-    kind = change.choice("kind", KINDS, None)
-    if kind is None:
+    change_kind = change.choice("kind", KINDS, None)
+    if change_kind is None:
         raise ConfigError(f"a change must have a kind: {', '.join(KINDS)}")
-    read: Callable[[Question], Change] = _read_stroke
-    if kind == "lidar":
-        read = _read_lidar
-    elif kind == "zone":
-        read = _read_zone
-    return {"kind": kind, **read(change)}
+    read_values: Callable[[Question], Change] = _read_stroke
+    if change_kind == "lidar":
+        read_values = _read_lidar
+    elif change_kind == "zone":
+        read_values = _read_zone
+    return {"kind": change_kind, **read_values(change)}
 
 
 def _read_stroke(stroke: Question) -> Change:
@@ -173,7 +173,7 @@ def _read_zone(zone_values: Question) -> Change:
     return {"zone": zone, "polygon": polygon, "percent": percent}
 
 
-def zones_as_changes(zones: Zones) -> tuple[Change, ...]:
+def changes_from_zones(zones: Zones) -> tuple[Change, ...]:
     """Return zones as changes, so that the page can edit and remove them.
 
     Raises

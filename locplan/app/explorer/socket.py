@@ -133,16 +133,16 @@ class PageSocket:
         def progress(n_done: int, total: int, *_: object) -> None:
             cancel.check()
             answer = {"progress": number, "done": int(n_done), "total": int(total)}
-            self._loop.call_soon_threadsafe(self._post, answer)
+            self._loop.call_soon_threadsafe(self._post_message, answer)
 
         return progress
 
     def _receive_event(self, event: dict[str, Any]) -> None:
         """Pass on an event of the session, from any thread."""
         with suppress(RuntimeError):  # the server has ended
-            self._loop.call_soon_threadsafe(self._post, event)
+            self._loop.call_soon_threadsafe(self._post_message, event)
 
-    def _post(self, message: dict[str, Any]) -> None:
+    def _post_message(self, message: dict[str, Any]) -> None:
         if message.get("event") == "state":
             self._has_new_state.set()
         else:

@@ -233,7 +233,7 @@ def mark_kept_lines(
         Nothing more is done once ``control[STOP]`` is set.
     """
     n_blocks = blocks.corners.size
-    read = TemplateCounts(
+    template_counts = TemplateCounts(
         np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.int64)
     )
     for n in range(len(is_kept)):
@@ -243,24 +243,31 @@ def mark_kept_lines(
             is_kept[n, i] = True
         has_lines, size = True, 0
         while has_lines and size < blocks.edges.size:
-            read_template(blocks, size, blocks.rests[n], table, corners[n], read)
-            has_lines = reject_lines(blocks, size, blocks.places[n], limit, shift, read, is_kept[n])
+            count_template_cells(blocks, size, blocks.rests[n], table, corners[n], template_counts)
+            has_lines = reject_lines(
+                blocks, size, blocks.places[n], limit, shift, template_counts, is_kept[n]
+            )
             size += 1
 
 
 @njit(inline="always")
-def read_template(
-    blocks: BlockCounts, size: int, rest: int, table: Shorts, corner: int, read: TemplateCounts
+def count_template_cells(
+    blocks: BlockCounts,
+    edge_index: int,
+    rest: int,
+    table: Shorts,
+    corner: int,
+    template_counts: TemplateCounts,
 ) -> None:
     """Write the numbers of a template's cells in the blocks of one edge, and the blocks' places."""
-    sums, up = table.reshape(-1), blocks.edges[size]
+    sums, up = table.reshape(-1), blocks.edges[edge_index]
     across, plane_size = up * table.shape[2], sums.size // PLANES
     corners, addresses = blocks.corners, blocks.addresses
-    free, occupied, places = read
+    free, occupied, places = template_counts
     # Blocks in which the template is unknown differ least, and come last: most lines are rejected
     # before they are reached.
-    front, back = blocks.starts[size], blocks.starts[size + 1]
-    for b in range(blocks.starts[size], blocks.starts[size + 1]):
+    front, back = blocks.starts[edge_index], blocks.starts[edge_index + 1]
+    for b in range(blocks.starts[edge_index], blocks.starts[edge_index + 1]):
         at = corner + corners[b]
         n_free = sums[at + across + up] - sums[at + across] - sums[at + up] + sums[at]
         at += plane_size
@@ -277,17 +284,17 @@ def read_template(
 @njit(inline="always")
 def reject_lines(
     blocks: BlockCounts,
-    size: int,
+    edge_index: int,
     address: int,
     limit: int,
     shift: int,
-    read: TemplateCounts,
+    template_counts: TemplateCounts,
     is_kept: Bools,
 ) -> bool:
     """Unmark lines without an offset up to the limit; return True if any is left."""
-    free, occupied, places = read
+    free, occupied, places = template_counts
     counts, line_stride, plane_stride = blocks.counts, blocks.line_stride, blocks.plane_stride
-    first, last, offsets = blocks.starts[size], blocks.starts[size + 1], is_kept.size
+    first, last, offsets = blocks.starts[edge_index], blocks.starts[edge_index + 1], is_kept.size
     has_lines = False
     for i in range(offsets):
         if not is_kept[i]:

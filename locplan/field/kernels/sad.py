@@ -131,7 +131,7 @@ class CellBuffers(NamedTuple):
 @njit(nogil=True, cache=True)
 def fill_tile_covariances(
     tile: TileLayout,
-    sight: SightRays | None,
+    sight_rays: SightRays | None,
     is_kept: Bools,
     weight_of_count: Floats,
     offset_places: Floats,
@@ -143,7 +143,7 @@ def fill_tile_covariances(
 
     `is_kept` (theta, n, dx) marks the lines that count; the marks of a single cell hold for all
     cells. `offset_places` are the places of the poses among the offsets, see `write_covariance`.
-    The buffers hold the data of the last cell. Without a `sight` there are no masks, and the whole
+    The buffers hold the data of the last cell. Without a `sight_rays` there are no masks, and the whole
     disc counts. ``control[DONE]`` counts the cells; once another thread sets ``control[STOP]`` the
     rest is left as it is.
     """
@@ -151,19 +151,19 @@ def fill_tile_covariances(
     for cell in range(len(tile.rests)):
         if control[STOP]:
             break
-        if sight is not None:
-            mark_visible_cells(sight, cell, tile.disc, masks)
+        if sight_rays is not None:
+            mark_visible_cells(sight_rays, cell, tile.disc, masks)
         lines = is_kept[:, cell if is_kept.shape[1] > 1 else 0]
         list_templates(template, tile, cell, masks, lines)
         # Where both are listed, |T xor M| is |T| - |T and M| + |N and M|, with N within the mask.
-        count_lines(tile, template, cell, lines, counts, 1 if len(masks) else 2)
+        compute_line_mismatches(tile, template, cell, lines, counts, 1 if len(masks) else 2)
         write_covariance(counts, weight_of_count, offset_places, tile.offsets, lines, result[cell])
         control[N_DONE] += 1
 
 
 # Inlined, since LLVM optimises a function again within each caller.
 @njit(inline="always")
-def count_lines(
+def compute_line_mismatches(
     tile: TileLayout, template: TemplateSquares, cell: int, lines: Bools, counts: Ints, factor: int
 ) -> None:
     """Write S / 127 of a cell's lines (theta, dx) into `counts`.
@@ -224,26 +224,26 @@ def make_cell_buffers(
 
 
 @njit(nogil=True, cache=True)
-def mark_visible_cells(sight: SightRays, n: int, disc: DiscSquares, masks: Words) -> None:
+def mark_visible_cells(sight_rays: SightRays, n: int, disc: DiscSquares, masks: Words) -> None:
     """Write the cells of the disc seen from the n-th cell, turned to each heading, as bits."""
-    radius, levels = sight.radius, sight.levels
-    row, col = sight.rows[n], sight.cols[n]
-    reach = np.empty(sight.cos.size, np.int64)
+    radius, levels = sight_rays.radius, sight_rays.levels
+    row, col = sight_rays.rows[n], sight_rays.cols[n]
+    reach = np.empty(sight_rays.cos.size, np.int64)
     for b in range(reach.size):
         first = 2 * radius
         for step in range(1, 2 * radius + 1):
-            i = row + int(np.floor(sight.sin[b] * (step / 2) + 0.5))
-            j = col + int(np.floor(sight.cos[b] * (step / 2) + 0.5))
+            i = row + int(np.floor(sight_rays.sin[b] * (step / 2) + 0.5))
+            j = col + int(np.floor(sight_rays.cos[b] * (step / 2) + 0.5))
             inside = 0 <= i < levels.shape[0] and 0 <= j < levels.shape[1]
             if (i != row or j != col) and not (inside and levels[i, j] == 254):
                 first = step
                 break
-        reach[b] = (first + 1 + 2 * sight.behind) ** 2
+        reach[b] = (first + 1 + 2 * sight_rays.behind) ** 2
     for k in range(masks.shape[0]):
         for n in range(disc.words.size):
             word = np.uint64(0)
             if disc.words[n] != 0:
                 for bit in range(SQUARE * SQUARE):
-                    is_visible = sight.distance[n, bit] <= reach[sight.beam[k, n, bit]]
+                    is_visible = sight_rays.distance[n, bit] <= reach[sight_rays.beam[k, n, bit]]
                     word |= np.uint64(is_visible) << np.uint64(bit)
             masks[k, n] = word & disc.words[n]

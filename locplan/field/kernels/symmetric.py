@@ -53,7 +53,7 @@ def diagonalize(matrix: Floats, vectors: Floats) -> None:
 
 
 @njit(nogil=True, cache=True)
-def map_eigenvalues(matrices: Floats, is_log: bool) -> Floats:
+def compute_log_or_exp(matrices: Floats, is_log: bool) -> Floats:
     """Return logarithms or exponentials of symmetric matrices, (n, d, d); NaN stays.
 
     Logarithms are taken of eigenvalues of at least the smallest normal number.

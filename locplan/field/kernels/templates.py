@@ -20,9 +20,9 @@ from locplan._support.kernels.arrays import Array, Bools, Floats, Ints, Octets, 
 from locplan._support.kernels.simd import (
     LANES,
     WORD,
+    find_lowest_bit,
     full_lanes,
     load_word,
-    lowest_bit,
     popcount,
     set_lanes,
 )
@@ -153,8 +153,8 @@ def list_templates(
 
         for plane in range(PLANES):
             corner = tile.corners[cell, k] + plane * tile.strip_plane
-            by_t = sort_squares(template, tile, corner, mask, plane, 0)
-            by_n = sort_squares(template, tile, corner, mask, plane, 1)
+            by_t = classify_squares(template, tile, corner, mask, plane, 0)
+            by_n = classify_squares(template, tile, corner, mask, plane, 1)
             signs[k, plane] = 0 if masked else 1 if by_t <= by_n else -1
 
         all_ones[k] = 0
@@ -176,7 +176,7 @@ def list_templates(
 # These are inlined, since LLVM optimises a function again within each caller. Arrays have
 # local names in them: numba counts references to those that are passed on.
 @njit(inline="always")
-def sort_squares(
+def classify_squares(
     template: TemplateSquares, tile: TileLayout, corner: int, mask: Words, plane: int, side: int
 ) -> int:
     """Mark the squares that T, or N, has partly or in full, and return the cost of comparing them.
@@ -207,21 +207,21 @@ def list_squares(
     template: TemplateSquares,
     tile: TileLayout,
     cell: int,
-    k: int,
+    heading_index: int,
     mask: Words,
     plane: int,
     side: int,
     square: int,
     run: int,
 ) -> tuple[int, int, int]:
-    """List a plane's marked squares at heading `k`, from a square and a run on.
+    """List a plane's marked squares at heading `heading_index`, from a square and a run on.
 
     Returns the square and the run that follow, and the number of cells set in all of them.
     """
     squares, addresses, run_starts, run_ends, _, _, _, partly, full = template
     octets, row_places = tile.octets, tile.row_places[tile.rests[cell]]
     rows, flip, ones = tile.disc.rows, FLIPS[side], 0
-    corner = tile.corners[cell, k] + plane * tile.strip_plane
+    corner = tile.corners[cell, heading_index] + plane * tile.strip_plane
     chunks = -(-rows // WORD)
     for chunk in range(tile.disc.cols * chunks):
         j, first = chunk // chunks, chunk % chunks * WORD
@@ -229,7 +229,7 @@ def list_squares(
         column = plane * tile.plane + j * tile.square_col
         partial_bits = partly[plane, side, chunk]
         while partial_bits:
-            i = lowest_bit(partial_bits)
+            i = find_lowest_bit(partial_bits)
             word = (load_word(octets, at + SQUARE * i) ^ flip) & mask[j * rows + first + i]
             squares[square] = word
             addresses[square] = column + row_places[first + i]
@@ -238,9 +238,9 @@ def list_squares(
             partial_bits &= partial_bits - np.uint64(1)
         full_bits = full[plane, side, chunk]
         while full_bits:  # a run ends below the first square that is not full
-            start = lowest_bit(full_bits)
+            start = find_lowest_bit(full_bits)
             above = ~(full_bits >> np.uint64(start))
-            length = lowest_bit(above) if above else WORD - start
+            length = find_lowest_bit(above) if above else WORD - start
             run_starts[run] = column + row_places[first + start]
             run_ends[run] = column + row_places[first + start + length]
             ones += SQUARE * SQUARE * length

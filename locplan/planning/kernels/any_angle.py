@@ -19,18 +19,18 @@ from locplan._support.kernels.search import find_cost_range, put_into_bucket
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def shortcut(
-    half: Floats,
+    half_density: Floats,
     columns: int,
     positions: Floats,
     lookahead: int,
     corner_cutting: bool,
-    cheapest: float,
+    min_density: float,
 ) -> Array:
     """Return the indices of the positions of a path, (n, 2), to keep so that it costs least.
 
     Each position is reached in a straight line from one of the `lookahead` before it; of lines of
     equal cost the longest is taken. The line from the one just before it is always allowed, so
-    that the result never costs more than the path. `cheapest` is the least density, or less: what
+    that the result never costs more than the path. `min_density` is the least density, or less: what
     cannot pay at that is not measured.
     """
     # Loops and numbers instead of arrays and lists: numba compiles them in a third of the time.
@@ -45,13 +45,15 @@ def shortcut(
             from_row, from_col = positions[i, 0], positions[i, 1]
             distance = np.hypot(row - from_row, col - from_col)
             limit = best[j] * (1 + 1e-13)  # costs that rounding sets apart count as equal
-            if best[i] + cheapest * distance > limit:
+            if best[i] + min_density * distance > limit:
                 continue
             step = 0.0
             if distance > 0:
                 # The path itself is taken as it is, also where it cuts a corner.
                 allowed = corner_cutting or i == j - 1
-                step = compute_segment_cost(half, columns, from_row, from_col, row, col, allowed)
+                step = compute_segment_cost(
+                    half_density, columns, from_row, from_col, row, col, allowed
+                )
             if best[i] + step <= limit:
                 best[j], before[j] = best[i] + step, i
     indices = np.empty(count, np.int64)
@@ -66,7 +68,12 @@ def shortcut(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def shift(
-    half: Floats, columns: int, positions: Floats, step: float, sweeps: int, corner_cutting: bool
+    half_density: Floats,
+    columns: int,
+    positions: Floats,
+    step: float,
+    sweeps: int,
+    corner_cutting: bool,
 ) -> Array:
     """Shift the inner positions of a path sideways by `step` while that lowers the cost."""
     count = len(positions)
@@ -74,7 +81,7 @@ def shift(
     for k in range(count):
         shifted[k, 0], shifted[k, 1], stirred[k] = positions[k, 0], positions[k, 1], True
     for _ in range(sweeps):
-        still = True
+        is_unchanged = True
         for k in range(1, count - 1):
             if not (stirred[k - 1] or stirred[k] or stirred[k + 1]):
                 continue
@@ -86,21 +93,25 @@ def shift(
             if along == 0:
                 continue
             normal_row, normal_col = step * (col0 - col1) / along, step * (row1 - row0) / along
-            lowest_cost = compute_segment_cost(half, columns, row0, col0, row, col, corner_cutting)
-            lowest_cost += compute_segment_cost(half, columns, row, col, row1, col1, corner_cutting)
+            lowest_cost = compute_segment_cost(
+                half_density, columns, row0, col0, row, col, corner_cutting
+            )
+            lowest_cost += compute_segment_cost(
+                half_density, columns, row, col, row1, col1, corner_cutting
+            )
             for side in (-1.0, 1.0):
                 to_row, to_col = row + side * normal_row, col + side * normal_col
                 cost = compute_segment_cost(
-                    half, columns, row0, col0, to_row, to_col, corner_cutting
+                    half_density, columns, row0, col0, to_row, to_col, corner_cutting
                 )
                 if cost < lowest_cost:
                     cost += compute_segment_cost(
-                        half, columns, to_row, to_col, row1, col1, corner_cutting
+                        half_density, columns, to_row, to_col, row1, col1, corner_cutting
                     )
                 if cost < lowest_cost:
-                    lowest_cost, still, stirred[k] = cost, False, True
+                    lowest_cost, is_unchanged, stirred[k] = cost, False, True
                     shifted[k, 0], shifted[k, 1] = to_row, to_col
-        if still:
+        if is_unchanged:
             break
     return shifted
 
@@ -115,20 +126,20 @@ class StraightMoves(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cheapest_moves(half: Floats, start: int, goal: int, moves: StraightMoves) -> Array:
+def cheapest_moves(half_density: Floats, start: int, goal: int, moves: StraightMoves) -> Array:
     """Return the cells of the cheapest path over moves of any shape; empty without a path.
 
-    `start` and `goal` are flat indices; the border of `half` is as wide as the longest move.
+    `start` and `goal` are flat indices; the border of `half_density` is as wide as the longest move.
     """
     offsets, crossed, lengths, touched = moves
     nothing = np.empty(0, np.int64)
-    if half[start] == np.inf or half[goal] == np.inf:
+    if half_density[start] == np.inf or half_density[goal] == np.inf:
         return nothing
-    cost = np.full(half.size, np.inf)
-    move_to = np.full(half.size, -1, np.int8)
-    is_settled = np.zeros(half.size, np.uint8)
+    cost = np.full(half_density.size, np.inf)
+    move_to = np.full(half_density.size, -1, np.int8)
+    is_settled = np.zeros(half_density.size, np.uint8)
     cost[start] = 0.0
-    per_cost, buckets = compute_bucket_scale(half, lengths)
+    per_cost, buckets = compute_bucket_scale(half_density, lengths)
     if not buckets:
         return nothing  # the costs differ too much for buckets
     mask = np.uint64(buckets - 1)
@@ -153,8 +164,12 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: StraightMoves) ->
             cell_cost = cost[cell]
             for move in range(len(offsets)):
                 other = cell + offsets[move]
-                reached = _add_move_cost(half, cell, cell_cost, crossed[move], lengths[move])
-                if reached < cost[other] and not _touches(half, cell, touched[move]):
+                reached = _add_move_cost(
+                    half_density, cell, cell_cost, crossed[move], lengths[move]
+                )
+                if reached < cost[other] and not _touches_blocked_cell(
+                    half_density, cell, touched[move]
+                ):
                     cost[other], is_settled[other], move_to[other] = reached, 0, move
                     bucket = np.uint64(reached * per_cost) & mask
                     unused, used = put_into_bucket(
@@ -171,30 +186,32 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: StraightMoves) ->
 
 
 @njit(inline="always")
-def _add_move_cost(half: Floats, cell: int, cost: float, crossed: Array, lengths: Array) -> float:
+def _add_move_cost(
+    half_density: Floats, cell: int, cost: float, crossed: Array, lengths: Array
+) -> float:
     """Return the cost at the end of a move, from the cost at its beginning and the cells."""
     for k in range(crossed.size):
         if lengths[k] > 0:
-            cost += lengths[k] * half[cell + crossed[k]]
+            cost += lengths[k] * half_density[cell + crossed[k]]
     return cost
 
 
 @njit(inline="always")
-def _touches(half: Floats, cell: int, touched: Array) -> bool:
+def _touches_blocked_cell(half_density: Floats, cell: int, touched: Array) -> bool:
     """Return True if a move from a cell touches a blocked one."""
     blocked = False
     for k in range(touched.size):
-        blocked |= half[cell + touched[k]] == np.inf
+        blocked |= half_density[cell + touched[k]] == np.inf
     return blocked
 
 
 @njit(nogil=True, cache=True)
-def compute_bucket_scale(half: Floats, lengths: Floats) -> tuple[float, int]:
+def compute_bucket_scale(half_density: Floats, lengths: Floats) -> tuple[float, int]:
     """Return the buckets per cost, and their number, a power of two (0: too many)."""
     longest = 0.0
     for move in range(len(lengths)):
         longest = max(longest, lengths[move].sum())
-    cheapest, costliest, _, _ = find_cost_range(half)
+    cheapest, costliest, _, _ = find_cost_range(half_density)
     # More buckets than this would take longer to visit than to sort their cells.
     if 2 * cheapest * (1 << 14) <= longest * costliest:
         return 0.0, 0

@@ -30,18 +30,20 @@ def widen_bits(bits: Words) -> Array:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def add_runs(masks: Words, wide: Words, runs: Ints, place: Ints, margin: int) -> None:
+def add_runs(
+    masks: Words, widened_bits: Words, runs: Ints, heading_and_slot: Ints, margin: int
+) -> None:
     """Set the bits of cells if a motion from them meets a cell with a set bit.
 
     Parameters
     ----------
     masks : (headings, rows, words, slots) array
         The masks.
-    wide : (7, rows + 2 margin, words + 2 margin / 64) array
+    widened_bits : (7, rows + 2 margin, words + 2 margin / 64) array
         The bits to meet, `widened`, with a margin [cells] that is a multiple of 64 around the map.
     runs : (n, 3) array
         Row, first column and number of the cells that the motion meets, from its beginning.
-    place : (2,) array
+    heading_and_slot : (2,) array
         Heading and slot of the motion's mask.
     """
     rows, words = masks.shape[1], masks.shape[2]
@@ -56,7 +58,7 @@ def add_runs(masks: Words, wide: Words, runs: Ints, place: Ints, margin: int) ->
                 while level < 6 and 2 << level <= left:
                     level += 1
                 size = 1 << level
-                line = wide[level, source_row]
+                line = widened_bits[level, source_row]
                 for at in (begin, begin + min(size, left - size)):
                     first, shift = at // WORD, np.uint64(at % WORD)
                     if shift == 0:
@@ -69,4 +71,4 @@ def add_runs(masks: Words, wide: Words, runs: Ints, place: Ints, margin: int) ->
                             gathered[word] |= (low >> shift) | (high << over)
                 begin, left = begin + 2 * size, left - 2 * size
         for word in range(words):
-            masks[place[0], row, word, place[1]] |= gathered[word]
+            masks[heading_and_slot[0], row, word, heading_and_slot[1]] |= gathered[word]

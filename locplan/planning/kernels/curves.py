@@ -67,7 +67,7 @@ def dubins(
 
 
 @njit(nogil=True, cache=True)
-def reeds_shepp(
+def find_reeds_shepp_curve(
     x: float, y: float, heading: float, x1: float, y1: float, heading1: float
 ) -> tuple[Array, Array]:
     """Return the shortest curve from one pose to another: turns and lengths (5,).
@@ -107,28 +107,35 @@ def reeds_shepp(
 
 
 @njit(nogil=True, cache=True)
-def _fill_word(number: int, x: float, y: float, heading: float, sides: Array, parts: Array) -> bool:
-    """Fill in base word `number` from the origin to a pose; return False if it does not fit."""
+def _fill_word(
+    word_number: int, x: float, y: float, heading: float, sides: Array, piece_lengths: Array
+) -> bool:
+    """Fill in base word `word_number` from the origin to a pose; return False if it does not fit."""
     # The last circle's centre from the first one's, if both turn left, and if the last turns right.
     same = x - math.sin(heading), y - 1 + math.cos(heading)
     opposite = x + math.sin(heading), y - 1 - math.cos(heading)
-    if number < 2:
-        return _fill_straight_word(number, same, opposite, heading, sides, parts)
-    if number < 5:
-        return _fill_turning_word(number, same, opposite, heading, sides, parts)
-    return _fill_quarter_word(number, same, opposite, heading, sides, parts)
+    if word_number < 2:
+        return _fill_straight_word(word_number, same, opposite, heading, sides, piece_lengths)
+    if word_number < 5:
+        return _fill_turning_word(word_number, same, opposite, heading, sides, piece_lengths)
+    return _fill_quarter_word(word_number, same, opposite, heading, sides, piece_lengths)
 
 
 @njit(nogil=True, cache=True)
 def _fill_straight_word(
-    number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
+    word_number: int,
+    same: Numbers,
+    opposite: Numbers,
+    heading: float,
+    sides: Array,
+    piece_lengths: Array,
 ) -> bool:
     """Fill in a word of two turns around a straight: number 0 or 1."""
-    if number == 0:  # 8.1: left, straight, left
+    if word_number == 0:  # 8.1: left, straight, left
         bearing = math.atan2(same[1], same[0])
         first, last = _wrap_to_half_circles(bearing), _wrap_to_half_circles(heading - bearing)
         sides[:3] = 1, 0, 1
-        parts[:3] = first, math.hypot(*same), last
+        piece_lengths[:3] = first, math.hypot(*same), last
         return first >= -SLACK and last >= -SLACK
     across, towards = math.hypot(*opposite), math.atan2(opposite[1], opposite[0])
     if across < 2:  # 8.2: left, straight, right
@@ -137,64 +144,74 @@ def _fill_straight_word(
     first = _wrap_to_half_circles(towards + math.atan2(2.0, straight))
     last = _wrap_to_half_circles(first - heading)
     sides[:3] = 1, 0, -1
-    parts[:3] = first, straight, last
+    piece_lengths[:3] = first, straight, last
     return first >= -SLACK and last >= -SLACK
 
 
 @njit(nogil=True, cache=True)
 def _fill_turning_word(
-    number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
+    word_number: int,
+    same: Numbers,
+    opposite: Numbers,
+    heading: float,
+    sides: Array,
+    piece_lengths: Array,
 ) -> bool:
     """Fill in a word of turns alone: number 2, 3 or 4."""
-    if number == 2:  # 8.3, 8.4: left, right in reverse, left
+    if word_number == 2:  # 8.3, 8.4: left, right in reverse, left
         distance, bearing = math.hypot(*same), math.atan2(same[1], same[0])
         if distance > 4:
             return False
         middle = -2 * math.asin(distance / 4)
         first = _wrap_to_half_circles(bearing + middle / 2 + math.pi)
         sides[:3] = 1, -1, 1
-        parts[:3] = first, middle, _wrap_to_half_circles(heading - first + middle)
+        piece_lengths[:3] = first, middle, _wrap_to_half_circles(heading - first + middle)
         return first >= -SLACK
     across = math.hypot(*opposite)
     sides[:4] = 1, -1, 1, -1
-    if number == 3:  # 8.7: left, right, left and right in reverse, the middle two equal
+    if word_number == 3:  # 8.7: left, right, left and right in reverse, the middle two equal
         ratio = (2 + across) / 4
         if ratio > 1:
             return False
         middle = math.acos(ratio)
         first, last = _compute_outer_turns(middle, -middle, opposite, heading)
-        parts[:4] = first, middle, -middle, last
+        piece_lengths[:4] = first, middle, -middle, last
         return first >= -SLACK and last <= SLACK
     ratio = (20 - across**2) / 16  # 8.8: left, right and left in reverse, right, likewise
     if not 0 <= ratio <= 1:
         return False
     middle = -math.acos(ratio)
     first, last = _compute_outer_turns(middle, middle, opposite, heading)
-    parts[:4] = first, middle, middle, last
+    piece_lengths[:4] = first, middle, middle, last
     return first >= -SLACK and last >= -SLACK
 
 
 @njit(nogil=True, cache=True)
 def _fill_quarter_word(
-    number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
+    word_number: int,
+    same: Numbers,
+    opposite: Numbers,
+    heading: float,
+    sides: Array,
+    piece_lengths: Array,
 ) -> bool:
     """Fill in a word with quarters of a circle: number 5, 6 or 7."""
     distance, bearing = math.hypot(*same), math.atan2(same[1], same[0])
     across = math.hypot(*opposite)
-    if (distance if number == 5 else across) < 2:
+    if (distance if word_number == 5 else across) < 2:
         return False
-    if number == 5:  # 8.9: left, a quarter right in reverse, straight, left
+    if word_number == 5:  # 8.9: left, a quarter right in reverse, straight, left
         over = math.sqrt(distance**2 - 4)
         first = _wrap_to_half_circles(bearing + math.atan2(over, -2.0))
         last = _wrap_to_half_circles(heading - QUARTER - first)
         sides[:4] = 1, -1, 0, 1
-        parts[:4] = first, -QUARTER, 2 - over, last
+        piece_lengths[:4] = first, -QUARTER, 2 - over, last
         return first >= -SLACK and over >= 2 - SLACK and last <= SLACK
-    if number == 6:  # 8.10: left, a quarter right in reverse, straight, right
+    if word_number == 6:  # 8.10: left, a quarter right in reverse, straight, right
         first = math.atan2(opposite[0], -opposite[1])
         last = _wrap_to_half_circles(first + QUARTER - heading)
         sides[:4] = 1, -1, 0, -1
-        parts[:4] = first, -QUARTER, 2 - across, last
+        piece_lengths[:4] = first, -QUARTER, 2 - across, last
         return first >= -SLACK and last <= SLACK
     # 8.11: left, quarters right and left around a straight in reverse, right
     straight = 4 - math.sqrt(across**2 - 4)
@@ -205,7 +222,7 @@ def _fill_quarter_word(
     first = _wrap_to_half_circles(math.atan2(towards_y, towards_x))
     last = _wrap_to_half_circles(first - heading)
     sides[:] = 1, -1, 0, 1, -1
-    parts[:] = first, -QUARTER, straight, -QUARTER, last
+    piece_lengths[:] = first, -QUARTER, straight, -QUARTER, last
     return first >= -SLACK and last >= -SLACK
 
 
@@ -266,19 +283,19 @@ def arc_crossings(
         middle = (at + until) / 2
         x_way = -1 if math.sin(middle) > 0 else 1
         y_way = 1 if math.cos(middle) > 0 else -1
-        x_line = _find_next_line(center_x + radius * math.cos(at), x_way)
-        y_line = _find_next_line(center_y + radius * math.sin(at), y_way)
-        x_at = _find_angle((x_line - center_x) / radius, middle, False)
-        y_at = _find_angle((y_line - center_y) / radius, middle, True)
+        x_line = _find_next_cell_border(center_x + radius * math.cos(at), x_way)
+        y_line = _find_next_cell_border(center_y + radius * math.sin(at), y_way)
+        x_at = _invert_sine_or_cosine((x_line - center_x) / radius, middle, False)
+        y_at = _invert_sine_or_cosine((y_line - center_y) / radius, middle, True)
         while min(x_at, y_at) < until:
             if x_at < y_at:
                 angles[count] = max(at, x_at)
                 x_line += x_way
-                x_at = _find_angle((x_line - center_x) / radius, middle, False)
+                x_at = _invert_sine_or_cosine((x_line - center_x) / radius, middle, False)
             else:
                 angles[count] = max(at, y_at)
                 y_line += y_way
-                y_at = _find_angle((y_line - center_y) / radius, middle, True)
+                y_at = _invert_sine_or_cosine((y_line - center_y) / radius, middle, True)
             count += 1
         angles[count] = at = until
         count += 1
@@ -305,22 +322,22 @@ def refine_angles(angles: Array, max_gap: float) -> Array:
     result = np.empty(count)
     result[0], at = angles[0], 1
     for n in range(len(angles) - 1):
-        parts = max(1, math.ceil((angles[n + 1] - angles[n]) / max_gap))
-        for part in range(parts):
-            share = (part + 1) / parts
+        n_parts = max(1, math.ceil((angles[n + 1] - angles[n]) / max_gap))
+        for part in range(n_parts):
+            share = (part + 1) / n_parts
             result[at] = angles[n] + share * (angles[n + 1] - angles[n])
             at += 1
     return result
 
 
 @njit(nogil=True, cache=True)
-def _find_next_line(position: float, way: int) -> float:
+def _find_next_cell_border(position: float, direction: int) -> float:
     """Return the next border between cells along one axis."""
-    return math.floor(position) + 1.0 if way > 0 else math.ceil(position) - 1.0
+    return math.floor(position) + 1.0 if direction > 0 else math.ceil(position) - 1.0
 
 
 @njit(nogil=True, cache=True)
-def _find_angle(ratio: float, near: float, of_sine: bool) -> float:
+def _invert_sine_or_cosine(ratio: float, near: float, of_sine: bool) -> float:
     """Return the angle with sine (or cosine) `ratio`, in the quadrant of `near` or later."""
     if abs(ratio) >= 1:
         return np.inf

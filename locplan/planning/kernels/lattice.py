@@ -49,7 +49,7 @@ class LatticeMoves(NamedTuple):
     base_cost: Floats  # (m,) cost without `extra` where the density is 1 [cells]
 
 
-class LatticeGround(NamedTuple):
+class LatticeCostmap(NamedTuple):
     """The map that the motions pass over."""
 
     half: Floats  # (n,) half the density of each cell, by layers of headings
@@ -60,7 +60,7 @@ class LatticeGround(NamedTuple):
     nearby: Singles  # (rows * columns,) at most the density that motions to or from a cell meet
 
 
-class LatticeTerms(NamedTuple):
+class LatticeConstants(NamedTuple):
     """What stays the same during a search."""
 
     per_cost: float  # buckets per cost
@@ -73,9 +73,9 @@ class LatticeTerms(NamedTuple):
 class StateGraph(NamedTuple):
     """The states of a search, and what leads from one to another."""
 
-    ground: LatticeGround
+    ground: LatticeCostmap
     moves: LatticeMoves
-    terms: LatticeTerms
+    terms: LatticeConstants
 
 
 class StateQueue(NamedTuple):
@@ -136,25 +136,27 @@ def take_state(queue: StateQueue, slot: int) -> int:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_next_bucket(queue: StateQueue, furthest: float, room: int, pausing: int) -> int:
+def find_next_bucket(
+    queue: StateQueue, max_bucket: float, room: int, pause_at_expansions: int
+) -> int:
     """Continue to the first bucket with a state: READY, or the reason why the search stops here.
 
-    It is FINISHED beyond the bucket `furthest`, OUT_OF_ROOM without `room` for so many entries, and
-    PAUSED after so many expansions as `pausing`.
+    It is FINISHED beyond the bucket `max_bucket`, OUT_OF_ROOM without `room` for so many entries, and
+    PAUSED after so many expansions as `pause_at_expansions`.
     """
     numbers, heads = queue.state, queue.heads
-    while numbers[WAITING] and not numbers[LOWEST] > furthest:
+    while numbers[WAITING] and not numbers[LOWEST] > max_bucket:
         if heads[numbers[LOWEST] & (heads.size - 1)] < 0:
             numbers[LOWEST] += 1
         elif numbers[USED] + room > queue.states.size:
             return OUT_OF_ROOM
         else:
-            return PAUSED if numbers[EXPANDED] >= pausing else READY
+            return PAUSED if numbers[EXPANDED] >= pause_at_expansions else READY
     return FINISHED
 
 
 @njit(inline="always")
-def is_free(ground: LatticeGround, moves: LatticeMoves, move: int, row: int, col: int) -> bool:
+def is_free(ground: LatticeCostmap, moves: LatticeMoves, move: int, row: int, col: int) -> bool:
     """Return True if a motion from a cell is free and its far end lies on the map."""
     if moves.at_end[move]:
         row, col = row + moves.row[move], col + moves.col[move]
@@ -163,7 +165,7 @@ def is_free(ground: LatticeGround, moves: LatticeMoves, move: int, row: int, col
 
 
 @njit(inline="always")
-def compute_move_cost(ground: LatticeGround, moves: LatticeMoves, move: int, cell: int) -> float:
+def compute_move_cost(ground: LatticeCostmap, moves: LatticeMoves, move: int, cell: int) -> float:
     """Return the cost of a free motion from a cell [density x cells]."""
     total = moves.extra[move]
     for k in range(moves.cells[move]):
@@ -172,12 +174,12 @@ def compute_move_cost(ground: LatticeGround, moves: LatticeMoves, move: int, cel
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def project_cells(
-    queue: StateQueue, graph: StateGraph, bound: Singles, cell: int, max_expansions: int
+def search_cells_backward(
+    queue: StateQueue, graph: StateGraph, cost_to_go: Singles, cell: int, max_expansions: int
 ) -> int:
     """Continue the backward search over cells until `cell` is settled (-1: never), or pause.
 
-    `bound` holds the costs to the goal, infinite where nothing was seen. The caller has put in
+    `cost_to_go` holds the costs to the goal, infinite where nothing was seen. The caller has put in
     the goal's cells.
     """
     ground, moves, terms = graph
@@ -187,13 +189,13 @@ def project_cells(
     room = 2 * len(moves.row)
     while True:
         status = find_next_bucket(
-            queue, bound[cell] * per_cost if cell >= 0 else np.inf, room, pausing
+            queue, cost_to_go[cell] * per_cost if cell >= 0 else np.inf, room, pausing
         )
         if status != READY:
             return status
         lowest = numbers[LOWEST]
         to = take_state(queue, lowest & mask)
-        target_cost = np.float64(bound[to])
+        target_cost = np.float64(cost_to_go[to])
         bucket = np.int64(target_cost * per_cost)
         if bucket != lowest:
             if bucket > lowest:
@@ -207,14 +209,14 @@ def project_cells(
             if not (0 <= row < rows and 0 <= col < columns):
                 continue
             source = row * columns + col
-            old_bound = np.float64(bound[source])
+            old_bound = np.float64(cost_to_go[source])
             if target_cost + moves.base_cost[move] * nearby + moves.extra[move] >= old_bound:
                 continue
             if not is_free(ground, moves, move, row, col):
                 continue
             reached = np.float32(target_cost + compute_move_cost(ground, moves, move, source))
             if reached < old_bound:
-                bound[source], later = reached, np.int64(reached * per_cost)
+                cost_to_go[source], later = reached, np.int64(reached * per_cost)
                 if (
                     old_bound == np.inf or np.int64(old_bound * per_cost) != later
                 ):  # else it waits there
@@ -222,8 +224,8 @@ def project_cells(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def explore_states(
-    queue: StateQueue, graph: StateGraph, bound: Singles, cost: Singles, max_expansions: int
+def search_states(
+    queue: StateQueue, graph: StateGraph, cost_to_go: Singles, cost: Singles, max_expansions: int
 ) -> int:
     """Continue the search over states until the goal is settled, or pause.
 
@@ -245,19 +247,21 @@ def explore_states(
         state = take_state(queue, numbers[LOWEST] & mask)
         if cost[state] < 0 or is_surpassed(cost, terms, state, layers):
             continue
-        total = np.float64(cost[state]) - 1.0 + compute_bound(bound, terms, state // layers)
+        total = (
+            np.float64(cost[state]) - 1.0 + compute_cost_bound(cost_to_go, terms, state // layers)
+        )
         bucket = np.int64(total * per_cost)
         if bucket > numbers[LOWEST]:
             put_state(queue, state, bucket)
         elif total < cost_limit:
-            expand_state(queue, graph, bound, cost, state, cost_limit)
+            expand_state(queue, graph, cost_to_go, cost, state, cost_limit)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def expand_state(
     queue: StateQueue,
     graph: StateGraph,
-    bound: Singles,
+    cost_to_go: Singles,
     cost: Singles,
     state: int,
     cost_limit: float,
@@ -289,17 +293,17 @@ def expand_state(
         reached = state_cost + change + compute_move_cost(ground, moves, move, cell) + 1.0
         if old_cost != 0.0 and reached >= old_cost * (1 - 1e-7):
             continue
-        total = reached - 1.0 + compute_bound(bound, terms, to_cell)
+        total = reached - 1.0 + compute_cost_bound(cost_to_go, terms, to_cell)
         if not total < cost_limit:
             continue
         cost[other] = reached
-        if bound[to_cell] == 0 and (terms.goal_headings >> moves.target[move]) & 1:
+        if cost_to_go[to_cell] == 0 and (terms.goal_headings >> moves.target[move]) & 1:
             numbers[BEST], cost_limit = other, reached - 1.0
         put_state(queue, other, max(np.int64(total * terms.per_cost), numbers[LOWEST]))
 
 
 @njit(inline="always")
-def is_surpassed(cost: Singles, terms: LatticeTerms, state: int, layers: int) -> bool:
+def is_surpassed(cost: Singles, terms: LatticeConstants, state: int, layers: int) -> bool:
     """Return True if a state costs no less than its pose in the opposite gear and a change."""
     if terms.gears == 1:
         return False
@@ -310,13 +314,13 @@ def is_surpassed(cost: Singles, terms: LatticeTerms, state: int, layers: int) ->
 
 
 @njit(inline="always")
-def compute_bound(bound: Singles, terms: LatticeTerms, cell: int) -> float:
+def compute_cost_bound(cost_to_go: Singles, terms: LatticeConstants, cell: int) -> float:
     """Return a lower bound of the cost from a cell to the goal."""
-    return min(np.float64(bound[cell]) * (1 - ROUNDING), terms.cap)
+    return min(np.float64(cost_to_go[cell]) * (1 - ROUNDING), terms.cap)
 
 
 @njit(inline="always")
-def shift_gear(gear_of_move: int, gear: int, terms: LatticeTerms) -> tuple[int, float]:
+def shift_gear(gear_of_move: int, gear: int, terms: LatticeConstants) -> tuple[int, float]:
     """Return the gear after a motion, and the cost of changing it."""
     if terms.gears == 1 or gear_of_move in (EITHER, gear):
         return gear, 0.0

@@ -20,7 +20,7 @@ from locplan.planning.kernels import curves
 from locplan.planning.kernels.curves import QUARTER, STRAIGHT, TURN
 
 
-class MotionGround(NamedTuple):
+class MotionCostmap(NamedTuple):
     """What a motion is integrated over."""
 
     half: Floats  # (layers, n) half the density on a flat grid with a blocked border
@@ -31,7 +31,7 @@ class MotionGround(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def motion_cost(
-    ground: MotionGround, kind: int, radius: float, start: Numbers, end: Numbers
+    ground: MotionCostmap, kind: int, radius: float, start: Numbers, end: Numbers
 ) -> float:
     """Return the integral of a density along a motion [density x cells]; infinite if it is blocked.
 
@@ -69,7 +69,7 @@ def motion_cost(
 
 
 @njit(nogil=True, cache=True)
-def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Array:
+def sample_motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Array:
     """Return poses (n, 3) along a motion, so dense in turns that straight lines can join them.
 
     There is a pose at each border between cells that a turn crosses, so that the lines cross the
@@ -113,12 +113,12 @@ def find_shortest_word(
     if kind == curves.DUBINS:
         turns, lengths = curves.dubins(0.0, 0.0, start[2], x, y, end[2])
     else:
-        turns, lengths = curves.reeds_shepp(0.0, 0.0, start[2], x, y, end[2])
+        turns, lengths = curves.find_reeds_shepp_curve(0.0, 0.0, start[2], x, y, end[2])
     return turns, lengths * radius
 
 
 @njit(nogil=True, cache=True)
-def _compute_line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> float:
+def _compute_line_cost(ground: MotionCostmap, start: Numbers, end: Numbers) -> float:
     """Return the cost of a straight line with an evenly turning heading, the shorter way round."""
     half, columns, first, corner_cutting = ground
     layers = len(half)
@@ -143,7 +143,7 @@ def _compute_line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> fl
 
 
 @njit(nogil=True, cache=True)
-def compute_arc_cost(ground: MotionGround, piece: Numbers, radius: float) -> float:
+def compute_arc_cost(ground: MotionCostmap, piece: Numbers, radius: float) -> float:
     """Return the cost of one turn (x, y, heading, side, length)."""
     half, columns, first, corner_cutting = ground
     x, y, heading, turn, length = piece
@@ -196,7 +196,7 @@ def _find_layer_changes(heading: float, turn: float, layers: int) -> Array:
 
 @njit(nogil=True, cache=True)
 def compute_world_cost(
-    half: Floats,
+    half_density: Floats,
     columns: int,
     kind: int,
     radius: float,
@@ -204,36 +204,39 @@ def compute_world_cost(
     body: CollisionMap,
     start: Numbers,
     end: Numbers,
-    blocked: float,
+    blocked_cost: float,
 ) -> float:
-    """Return the cost of a motion between poses in the world [m], >= their distance, or `blocked`.
+    """Return the cost of a motion between poses in the world [m], >= their distance, or `blocked_cost`.
 
     `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], the column and
     the row of the world's origin, and the yaw; the radius is in cells. A motion is blocked if the
     outline of `body` meets an occupied cell on it; a circle has no outline.
     """
     (x0, y0, heading0), (x1, y1, heading1) = start, end
-    if not (can_stand(half, columns, frame, x0, y0) and can_stand(half, columns, frame, x1, y1)):
-        return blocked
+    if not (
+        can_stand(half_density, columns, frame, x0, y0)
+        and can_stand(half_density, columns, frame, x1, y1)
+    ):
+        return blocked_cost
     if not math.isfinite(heading0 + heading1):
-        return blocked
+        return blocked_cost
     ends = _grid_from_world(frame, x0, y0, heading0), _grid_from_world(frame, x1, y1, heading1)
-    cost = motion_cost(MotionGround(half, columns, -frame[4], False), kind, radius, *ends)
+    cost = motion_cost(MotionCostmap(half_density, columns, -frame[4], False), kind, radius, *ends)
     cost /= math.hypot(frame[0], frame[1])
     if cost < np.inf and len(body.outline):
-        poses = motion_poses(kind, radius, *ends)
+        poses = sample_motion_poses(kind, radius, *ends)
         for pose in poses:  # on the grid without its border
             pose[0] -= 1.0
             pose[1] -= 1.0
         if find_first_hit(body.sums, body.outline, poses) >= 0:
-            return blocked
+            return blocked_cost
     # Even after rounding no motion costs less than its length.
-    return max(cost, (1 + 1e-14) * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
+    return max(cost, (1 + 1e-14) * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked_cost
 
 
 @njit(nogil=True, cache=True)
 def compute_world_costs(
-    half: Floats,
+    half_density: Floats,
     columns: int,
     kind: int,
     radius: float,
@@ -247,7 +250,9 @@ def compute_world_costs(
     for n, (i, j) in enumerate(pairs):
         start = poses[i, 0], poses[i, 1], poses[i, 2]
         end = poses[j, 0], poses[j, 1], poses[j, 2]
-        result[n] = compute_world_cost(half, columns, kind, radius, frame, body, start, end, np.inf)
+        result[n] = compute_world_cost(
+            half_density, columns, kind, radius, frame, body, start, end, np.inf
+        )
     return result
 
 
@@ -259,7 +264,7 @@ def sample_world_motion(
     along, across, col0, row0, yaw = frame
     (x0, y0, heading0), (x1, y1, heading1) = start, end
     ends = _grid_from_world(frame, x0, y0, heading0), _grid_from_world(frame, x1, y1, heading1)
-    poses = motion_poses(kind, radius, *ends)
+    poses = sample_motion_poses(kind, radius, *ends)
     per_metre = along**2 + across**2
     for pose in poses:
         col, row = pose[0] - col0, pose[1] - row0
@@ -282,9 +287,9 @@ def _grid_from_world(
 
 
 @njit(nogil=True, cache=True)
-def can_stand(half: Floats, columns: int, frame: Numbers, x: float, y: float) -> bool:
+def can_stand(half_density: Floats, columns: int, frame: Numbers, x: float, y: float) -> bool:
     """True if a position in the world [m] lies in a cell that is not blocked."""
     x, y, _ = _grid_from_world(frame, x, y, 0.0)
     col, row = math.floor(x), math.floor(y)
-    inside = 0 < col < columns - 1 and 0 < row < half.shape[1] // columns - 1
-    return inside and half[0, int(row) * columns + int(col)] < np.inf
+    inside = 0 < col < columns - 1 and 0 < row < half_density.shape[1] // columns - 1
+    return inside and half_density[0, int(row) * columns + int(col)] < np.inf

@@ -26,10 +26,10 @@ BUCKETS, BUCKETS_A_CELL = 64, 16
 """Number of buckets, and of those per cell; a step raises the first bound by <= 2 sqrt(2) cells."""
 FINISHED, OUT_OF_LABELS, PAUSED = 0, 1, 2
 STATUS, UNUSED, USED, WAITING, LOWEST, IN_HEAP, SOLUTIONS = range(7)
-"""Indices of `Labels.state`."""
+"""Indices of `ParetoLabels.state`."""
 
 
-class Labels(NamedTuple):
+class ParetoLabels(NamedTuple):
     """The labels of a search: paths from the start to a cell."""
 
     state: Ints
@@ -55,7 +55,7 @@ class Labels(NamedTuple):
     """Least second cost of the paths that were expanded at each cell."""
 
 
-class ParetoTerms(NamedTuple):
+class ParetoConstants(NamedTuple):
     """Constants of a search: the grid, the goal, and bounds on the remaining costs to the goal."""
 
     half: Floats  # (n,) half the second cost's density in whole units, infinite where blocked
@@ -71,7 +71,7 @@ class ParetoTerms(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def search_labels(
-    labels: Labels, terms: ParetoTerms, expansions: int, solutions: NDArray[np.int32]
+    labels: ParetoLabels, terms: ParetoConstants, expansions: int, solutions: NDArray[np.int32]
 ) -> float:
     """Continue for `expansions`; return a bound on the first cost of all solutions to come.
 
@@ -92,7 +92,7 @@ def search_labels(
         if state[IN_HEAP] == 0:
             if state[WAITING] == 0:
                 return np.inf
-            _open_bucket(labels, terms)
+            _move_bucket_to_heap(labels, terms)
             continue
         n_expanded = _expand_heap(labels, terms, n_expanded, expansions, solutions)
         if state[STATUS] != FINISHED:
@@ -100,7 +100,7 @@ def search_labels(
 
 
 @njit(nogil=True, cache=True)
-def _open_bucket(labels: Labels, terms: ParetoTerms) -> None:
+def _move_bucket_to_heap(labels: ParetoLabels, terms: ParetoConstants) -> None:
     """Move the labels of the lowest filled bucket into the heap, and free dominated ones."""
     state, heads, following = labels.state, labels.heads, labels.following
     heap = labels.heap, labels.heap_first, labels.heap_second
@@ -114,7 +114,7 @@ def _open_bucket(labels: Labels, terms: ParetoTerms) -> None:
         after, cell = following[label], labels.cell[label]
         state[WAITING] -= 1
         bound = labels.second[label] + second_to_go[cell]
-        if not _is_open(labels.second[label], bound, labels.least[cell], labels.least[goal]):
+        if not _is_undominated(labels.second[label], bound, labels.least[cell], labels.least[goal]):
             following[label], state[UNUSED] = state[UNUSED], label
         else:
             bound_first = labels.first[label] + first_to_go[cell]
@@ -124,8 +124,8 @@ def _open_bucket(labels: Labels, terms: ParetoTerms) -> None:
 
 @njit(nogil=True, cache=True)
 def _expand_heap(
-    labels: Labels,
-    terms: ParetoTerms,
+    labels: ParetoLabels,
+    terms: ParetoConstants,
     n_expanded: int,
     expansions: int,
     solutions: NDArray[np.int32],
@@ -151,7 +151,7 @@ def _expand_heap(
         label, bound = heap[0][0], heap[2][0]
         _pop_label(state, heap)
         cell = cells[label]
-        if not _is_open(second[label], bound, lowest_second[cell], lowest_second[goal]):
+        if not _is_undominated(second[label], bound, lowest_second[cell], lowest_second[goal]):
             following[label], state[UNUSED] = state[UNUSED], label
             continue
         # First costs only grow from here on: no later label is better in both than this one.
@@ -196,7 +196,7 @@ def _expand_heap(
 
 
 @njit(nogil=True, cache=True)
-def trace_label(labels: Labels, label: int) -> Array:
+def trace_label(labels: ParetoLabels, label: int) -> Array:
     """Return the cells of a label's path, from the start on."""
     count, at = 0, label
     while at >= 0:
@@ -208,7 +208,9 @@ def trace_label(labels: Labels, label: int) -> Array:
 
 
 @njit(inline="always")
-def _is_open(second: float, bound: float, lowest_second: float, least_at_goal: float) -> bool:
+def _is_undominated(
+    second: float, bound: float, lowest_second: float, least_at_goal: float
+) -> bool:
     """Return True if no known path is better than one with this second cost and bound."""
     return second < lowest_second and bound < least_at_goal
 

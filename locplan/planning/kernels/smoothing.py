@@ -17,10 +17,10 @@ from locplan._support.kernels.outlines import CollisionMap, find_first_hit
 from locplan._support.kernels.rays import compute_segment_cost
 from locplan.planning.kernels import curves
 from locplan.planning.kernels.motions import (
-    MotionGround,
+    MotionCostmap,
     compute_arc_cost,
     find_shortest_word,
-    motion_poses,
+    sample_motion_poses,
 )
 
 ASLANT = 0.05
@@ -41,7 +41,7 @@ class MotionModel(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def compute_step_costs(ground: MotionGround, drive: MotionModel, poses: Floats) -> Array:
+def compute_step_costs(ground: MotionCostmap, drive: MotionModel, poses: Floats) -> Array:
     """Return the cost of each move along poses (n, 3), infinite if the robot cannot make it."""
     result, gear = np.empty(len(poses) - 1), 0
     for n in range(len(poses) - 1):
@@ -60,7 +60,7 @@ def compute_step_costs(ground: MotionGround, drive: MotionModel, poses: Floats) 
         tight = drive.turn == 0 and abs(turn) * drive.radius > length * (1 + 1e-3) + STILL
         if backward or tight or (now == 0 and not drive.sideways):
             continue
-        layer = _half_density_at(ground, heading)
+        layer = _get_half_density(ground, heading)
         ends = poses[n, 1], poses[n, 0], poses[n + 1, 1], poses[n + 1, 0]
         # The path itself is taken as it is, also where it cuts a corner.
         cost = compute_segment_cost(layer, ground.columns, *ends, True)
@@ -72,7 +72,7 @@ def compute_step_costs(ground: MotionGround, drive: MotionModel, poses: Floats) 
 
 
 @njit(nogil=True, cache=True)
-def _half_density_at(ground: MotionGround, heading: float) -> Array:
+def _get_half_density(ground: MotionCostmap, heading: float) -> Array:
     """Return half the density for a heading."""
     layers = len(ground.half)
     layer_position = (heading - ground.first) / curves.TURN * layers
@@ -80,7 +80,7 @@ def _half_density_at(ground: MotionGround, heading: float) -> Array:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def curve_cost(ground: MotionGround, drive: MotionModel, start: Numbers, end: Numbers) -> float:
+def curve_cost(ground: MotionCostmap, drive: MotionModel, start: Numbers, end: Numbers) -> float:
     """Return the cost of the shortest curve between poses; infinite if it is blocked."""
     turns, lengths = find_shortest_word(drive.kind, drive.radius, start, end)
     x, y, heading = start
@@ -96,7 +96,7 @@ def curve_cost(ground: MotionGround, drive: MotionModel, start: Numbers, end: Nu
             if turns[n] != 0:
                 cost = compute_arc_cost(ground, (x, y, heading, turns[n], length), drive.radius)
             else:
-                layer = _half_density_at(ground, heading)
+                layer = _get_half_density(ground, heading)
                 cost = compute_segment_cost(layer, ground.columns, y, x, y1, x1, False)
             total += cost * (1.0 if length > 0 else drive.reverse)
             total += drive.gear_change * (gear * length < 0)
@@ -112,7 +112,7 @@ def is_curve_clear(drive: MotionModel, body: CollisionMap, start: Numbers, end: 
     """Return True if the outline meets no occupied cell along the shortest curve between poses."""
     if len(body.outline) == 0:
         return True
-    poses = motion_poses(drive.kind, drive.radius, start, end)
+    poses = sample_motion_poses(drive.kind, drive.radius, start, end)
     for pose in poses:
         pose[0] -= 1
         pose[1] -= 1
@@ -121,7 +121,7 @@ def is_curve_clear(drive: MotionModel, body: CollisionMap, start: Numbers, end: 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_cheapest_chain(
-    ground: MotionGround,
+    ground: MotionCostmap,
     drive: MotionModel,
     body: CollisionMap,
     knots: Floats,
@@ -161,7 +161,7 @@ def find_cheapest_chain(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def shift_knots(
-    ground: MotionGround,
+    ground: MotionCostmap,
     drive: MotionModel,
     body: CollisionMap,
     knots: Floats,

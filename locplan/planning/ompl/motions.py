@@ -171,19 +171,20 @@ class Motions:
     @cached_property
     def body(self) -> Any:
         """The outline of the costmap's robot for the kernels; none in "R2", and of a circle."""
-        from locplan._support.kernels.outlines import CollisionMap, sum_rows
+        from locplan._support.kernels.outlines import CollisionMap, sum_occupied_along_rows
 
         robot, grid = self.costs.robot, self.costs.grid
         if robot is None or robot.outline is None or self.space == "R2":
             return CollisionMap(np.empty((0, 1), np.int32), np.empty((0, 2)))
         return CollisionMap(
-            sum_rows(grid.cells == OCCUPIED), robot.outline.vertices / grid.resolution
+            sum_occupied_along_rows(grid.cells == OCCUPIED),
+            robot.outline.vertices / grid.resolution,
         )
 
     @cached_property
     def arguments(self) -> tuple[Any, ...]:
         """The kernels' arguments: the bordered grid, the kind and radius of curves, the frame."""
-        from locplan._support.kernels.search import make_bordered_half
+        from locplan._support.kernels.search import make_bordered_half_density
         from locplan.planning.kernels.curves import DUBINS, REEDS_SHEPP, STRAIGHT
 
         grid = self.costs.grid
@@ -194,7 +195,7 @@ class Motions:
         radius = (self.turning_radius or grid.resolution) / grid.resolution
         # Without a heading the merged cost counts.
         density = self.costs.density[None] if self.space == "R2" else self.costs.density_of_heading
-        half = np.array([make_bordered_half(layer, 1) for layer in density])
+        half = np.array([make_bordered_half_density(layer, 1) for layer in density])
         return half, grid.shape[1] + 2, kind, radius, frame
 
 

@@ -16,12 +16,17 @@ from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.any_angle import AnyAngle, straighten_path
 from locplan.planning.costmap import Costmap
-from locplan.planning.grid import blank_costs, find_cheapest_cells, grid_path, label_connected_parts
+from locplan.planning.grid import (
+    find_cheapest_cells,
+    grid_path,
+    label_connected_parts,
+    make_blank_costs,
+)
 from locplan.planning.lattice import Lattice
 from locplan.planning.metrics import path_metrics
 from locplan.planning.ompl.kinds import KINDS
 from locplan.planning.ompl.motions import Motions
-from locplan.planning.ompl.stopping import OPTIMAL, SearchLimits, list_capable_planners
+from locplan.planning.ompl.stopping import OPTIMAL, SearchLimits, format_capable_planners
 from locplan.planning.path import Path
 from locplan.planning.protocol import CURVED, MAX_SEED, PlannerResult, Position, check_space
 from locplan.robots.parts import Kinematics
@@ -110,11 +115,11 @@ class Ompl:
         kind = KINDS[self.name]
         check_space(self.space, self.turning_radius)
         if self.space not in kind.spaces:
-            can = list_capable_planners(lambda kind: self.space in kind.spaces)
+            can = format_capable_planners(lambda kind: self.space in kind.spaces)
             raise ConfigError(f"{self.name} cannot plan in {self.space}; {can} can")
         if self.from_grid and not (kind.from_grid and self.space in ("R2", *CURVED)):
             spaces = "R2, Dubins and ReedsShepp"
-            can = list_capable_planners(lambda kind: kind.from_grid)
+            can = format_capable_planners(lambda kind: kind.from_grid)
             raise ConfigError(f"from_grid is for {can}, in {spaces}")
         if self.improve and self.space != "R2":
             raise ConfigError("improve is for space R2: straight lines keep no turning radius")
@@ -123,7 +128,7 @@ class Ompl:
         _ = self.limits
         if self.convergence is not None and not kind.anytime:
             raise ConfigError(
-                f"convergence is for {list_capable_planners(lambda kind: kind.anytime)}"
+                f"convergence is for {format_capable_planners(lambda kind: kind.anytime)}"
             )
         if self.seed is not None:
             check_integer("seed", self.seed, 1, MAX_SEED)
@@ -138,7 +143,7 @@ class Ompl:
 
         AnyAngle().prepare()
         # The kernels are the same for all spaces: one call compiles them for all.
-        motions = Motions(blank_costs(3, 9), "Dubins", 1.0)
+        motions = Motions(make_blank_costs(3, 9), "Dubins", 1.0)
         poses = np.array([[0.5, 1.5, 0.0], [7.5, 1.5, 0.0]])
         motions.cost(*poses)
         motions.compute_motion_costs(poses, np.array([[0, 1]]))
@@ -221,12 +226,12 @@ def _plan_by_tree(
     start: Position,
     goal: Position,
     limits: SearchLimits,
-    ahead: Floats | None,
+    seed_path: Floats | None,
 ) -> Floats | None:
     """Return the poses (n, 3) that the path's motions join, or None."""
     from locplan.planning.ompl.settings import base, log_messages, make_ompl_planner, util
     from locplan.planning.ompl.setup import (
-        SeededGoal,
+        SingleGoalWithHints,
         make_pose_reader,
         problem_definition,
         space_information,
@@ -241,10 +246,10 @@ def _plan_by_tree(
         tree.setup()
         best_cost = (lambda: tree.bestCost().value()) if hasattr(tree, "bestCost") else None
         ends = limits.condition(best_cost, settled_after=KINDS[planner.name].settled_after)
-        if ahead is not None:
-            leading = SeededGoal(information, goal)
+        if seed_path is not None:
+            leading = SingleGoalWithHints(information, goal)
             problem.setGoal(leading)
-            ends = leading.lead(tree, ahead, ends)
+            ends = leading.lead(tree, seed_path, ends)
         status = tree.solve(base.PlannerTerminationCondition(ends)).getStatus()
         kinds = base.PlannerStatus.PlannerStatusType
         if status in (kinds.INVALID_START, kinds.INVALID_GOAL):

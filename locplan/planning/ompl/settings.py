@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from locplan._support.checks import check_number, short_repr, suggestion_text
+from locplan._support.checks import check_number, format_suggestion, short_repr
 from locplan._support.output import temporary_folder
 from locplan.errors import ConfigError, LocplanError
 
@@ -85,7 +85,7 @@ def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
         )
     for name, value in settings.items():
         if name not in setters:
-            names = f"{', '.join(setters)}{suggestion_text(name, setters)}"
+            names = f"{', '.join(setters)}{format_suggestion(name, setters)}"
             raise ConfigError(f"{planner} has no setting {short_repr(name)}; it has: {names}")
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             check_number(f"{planner}'s setting {name}", value, 1 if isinstance(value, int) else 0)

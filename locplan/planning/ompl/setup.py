@@ -189,23 +189,23 @@ def _make_cost_function(motions: Motions) -> Callable[[base.State, base.State], 
     half, columns, kind, radius, frame = motions.arguments
     body = motions.body
 
-    def between_positions(state: base.State, other: base.State) -> float:
+    def compute_cost_of_positions(state: base.State, other: base.State) -> float:
         start, end = (state[0], state[1], 0.0), (other[0], other[1], 0.0)
         return float(
             compute_world_cost(half, columns, kind, radius, frame, body, start, end, BLOCKED)
         )
 
-    def between_poses(state: base.State, other: base.State) -> float:
+    def compute_cost_of_poses(state: base.State, other: base.State) -> float:
         start = state.getX(), state.getY(), state.getYaw()
         end = other.getX(), other.getY(), other.getYaw()
         return float(
             compute_world_cost(half, columns, kind, radius, frame, body, start, end, BLOCKED)
         )
 
-    return between_positions if motions.space == "R2" else between_poses
+    return compute_cost_of_positions if motions.space == "R2" else compute_cost_of_poses
 
 
-class SeededGoal(base.GoalSampleableRegion):
+class SingleGoalWithHints(base.GoalSampleableRegion):
     """A goal whose samples are at first the positions of a path that leads there.
 
     Trees steer to samples of the goal from time to time; only in this way does

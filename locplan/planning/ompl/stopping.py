@@ -15,7 +15,7 @@ PROGRESS_INTERVAL = 512
 """Iterations from one report of progress to the next."""
 
 
-def list_capable_planners(fits: Callable[[PlannerKind], bool]) -> str:
+def format_capable_planners(fits: Callable[[PlannerKind], bool]) -> str:
     """Return the names of the planners of the kinds that fit, for messages."""
     return ", ".join(name for name, kind in KINDS.items() if fits(kind))
 

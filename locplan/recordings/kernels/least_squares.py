@@ -39,7 +39,7 @@ class DriveScans(NamedTuple):
     deviations: Floats  # (n, 3) infinite at a jump, of which odometry says nothing
 
 
-class Equations(NamedTuple):
+class NormalEquations(NamedTuple):
     """Normal equations of n poses, which are block-tridiagonal."""
 
     diagonal: Floats  # (n, 3, 3)
@@ -126,38 +126,46 @@ def _invert_symmetric(matrix: Floats) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def _odometry_terms(
+def _write_odometry_terms(
     first: Array,
     second: Array,
     move: Array,
     deviation: Array,
-    before: Floats,
-    after: Floats,
-    sides: Floats,
+    first_jacobian: Floats,
+    second_jacobian: Floats,
+    residuals: Floats,
 ) -> float:
     """Loss of a move; the weighted Jacobians by both poses are written, (3, 3), and residuals."""
-    before[:], after[:], sides[:] = 0.0, 0.0, 0.0
+    first_jacobian[:], second_jacobian[:], residuals[:] = 0.0, 0.0, 0.0
     if not np.isfinite(deviation[0]):
         return 0.0
-    write_motion_error(first, second, move, sides)
+    write_motion_error(first, second, move, residuals)
     cos, sin = np.cos(first[2]), np.sin(first[2])
-    after[0, 0], after[0, 1], after[1, 0], after[1, 1], after[2, 2] = cos, sin, -sin, cos, 1.0
-    before[0, 2], before[1, 2] = sides[1] + move[1], -sides[0] - move[0]
+    (
+        second_jacobian[0, 0],
+        second_jacobian[0, 1],
+        second_jacobian[1, 0],
+        second_jacobian[1, 1],
+        second_jacobian[2, 2],
+    ) = cos, sin, -sin, cos, 1.0
+    first_jacobian[0, 2], first_jacobian[1, 2] = residuals[1] + move[1], -residuals[0] - move[0]
     square = 0.0
     for axis in range(3):
-        square += (sides[axis] / deviation[axis]) ** 2
+        square += (residuals[axis] / deviation[axis]) ** 2
     weight = np.sqrt((FREEDOM + 3) / (FREEDOM + square))
     for axis in range(3):
-        sides[axis] *= weight / deviation[axis]
+        residuals[axis] *= weight / deviation[axis]
         for q in range(3):
-            before[axis, q] = (before[axis, q] - after[axis, q]) * weight / deviation[axis]
-            after[axis, q] *= weight / deviation[axis]
+            first_jacobian[axis, q] = (
+                (first_jacobian[axis, q] - second_jacobian[axis, q]) * weight / deviation[axis]
+            )
+            second_jacobian[axis, q] *= weight / deviation[axis]
     return 0.5 * (FREEDOM + 3) * np.log(1 + square / FREEDOM)
 
 
 @njit(nogil=True, cache=True)
 def write_normal_equations(
-    field: BeamScores, beams: Beams, drive: DriveScans, poses: Floats, equations: Equations
+    field: BeamScores, beams: Beams, drive: DriveScans, poses: Floats, equations: NormalEquations
 ) -> float:
     """Loss of a trajectory (n, 3); its normal equations are written into `equations`."""
     diagonal, off_diagonal, vector = equations
@@ -179,7 +187,7 @@ def write_normal_equations(
         if n == 0:
             continue
         move, deviation = drive.moves[n], drive.deviations[n]
-        loss += _odometry_terms(poses[n - 1], poses[n], move, deviation, before, after, sides)
+        loss += _write_odometry_terms(poses[n - 1], poses[n], move, deviation, before, after, sides)
         diagonal[n - 1] += before.T @ before
         diagonal[n] += after.T @ after
         off_diagonal[n] += after.T @ before
@@ -189,7 +197,7 @@ def write_normal_equations(
 
 
 @njit(nogil=True, cache=True)
-def solve_blocks(equations: Equations, damping: float, step: Floats) -> None:
+def solve_block_tridiagonal(equations: NormalEquations, damping: float, step: Floats) -> None:
     """Solve the equations, damped, for the step (n, 3) that lowers the loss."""
     diagonal, off_diagonal, vector = equations
     count = len(diagonal)
@@ -212,16 +220,16 @@ def solve_blocks(equations: Equations, damping: float, step: Floats) -> None:
 
 @njit(nogil=True, cache=True)
 def refine_poses(
-    field: BeamScores, beams: Beams, drive: DriveScans, poses: Floats, rounds: int
+    field: BeamScores, beams: Beams, drive: DriveScans, poses: Floats, n_rounds: int
 ) -> float:
     """Move a trajectory (n, 3) to less loss by Levenberg and Marquardt's steps; return the loss."""
     count = len(poses)
     blocks = np.empty((2, count, 3, 3))
-    equations, damping = Equations(blocks[0], blocks[1], np.empty((count, 3))), 1e-3
+    equations, damping = NormalEquations(blocks[0], blocks[1], np.empty((count, 3))), 1e-3
     trial_poses, step = poses.copy(), np.empty((count, 3))
     loss = write_normal_equations(field, beams, drive, poses, equations)
-    for _ in range(rounds):
-        solve_blocks(equations, damping, step)
+    for _ in range(n_rounds):
+        solve_block_tridiagonal(equations, damping, step)
         for n in range(count):
             for axis in range(3):
                 trial_poses[n, axis] = poses[n, axis] + min(max(step[n, axis], -0.5), 0.5)
@@ -238,7 +246,9 @@ def refine_poses(
 
 
 @njit(nogil=True, cache=True)
-def write_covariances(equations: Equations, covariances: Floats, across: Floats) -> None:
+def write_covariances(
+    equations: NormalEquations, covariances: Floats, cross_covariances: Floats
+) -> None:
     """Write the covariances of poses, (n, 3, 3), and those with the pose before, from equations."""
     diagonal, off_diagonal, _ = equations
     count = len(diagonal)
@@ -249,8 +259,8 @@ def write_covariances(equations: Equations, covariances: Floats, across: Floats)
             block -= off_diagonal[n] @ inverses[n - 1] @ off_diagonal[n].T
         inverses[n] = _invert_symmetric(block)
     for n in range(count - 1, -1, -1):
-        covariances[n], across[n] = inverses[n], 0.0
+        covariances[n], cross_covariances[n] = inverses[n], 0.0
         if n < count - 1:
             led = inverses[n] @ off_diagonal[n + 1].T
-            across[n + 1] = -covariances[n + 1] @ led.T
+            cross_covariances[n + 1] = -covariances[n + 1] @ led.T
             covariances[n] += led @ covariances[n + 1] @ led.T

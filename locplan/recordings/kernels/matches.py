@@ -12,7 +12,12 @@ from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints, Octets, Shorts
 from locplan._support.kernels.lidar import LidarBeams, compute_lidar_offset, write_scan_ends
-from locplan._support.kernels.likelihood import TOP, LikelihoodField, ScanLattice, make_weights
+from locplan._support.kernels.likelihood import (
+    TOP,
+    LikelihoodField,
+    ScanLattice,
+    make_weight_tables,
+)
 from locplan._support.kernels.posterior import compute_posterior
 from locplan._support.kernels.simd import (
     MAX_OCTET,
@@ -20,8 +25,8 @@ from locplan._support.kernels.simd import (
     OCTETS,
     add_gaps,
     add_octets_to,
+    find_lowest_bit,
     lanes_below,
-    lowest_bit,
     zero_octets,
 )
 
@@ -61,7 +66,7 @@ def recorded_posteriors(
         Filled with entropy [nat], ambiguity, and the log-likelihood a return at the best offset.
     """
     beams = ends.shape[1]
-    weights = make_weights(temperature * field.nats, beams * TOP)
+    weights = make_weight_tables(temperature * field.nats, beams * TOP)
     rows, half_headings = lattice.plane // lattice.width, (lattice.cos.size - 1) // 2
     costs = np.empty_like(lattice.empty)
     for n in range(len(cells)):
@@ -83,10 +88,10 @@ TURNS = 96
 
 
 @njit(nogil=True, cache=True)
-def sift_down(scores: Shorts, pairs: Ints, at: int) -> None:
+def sift_down(scores: Shorts, pairs: Ints, index: int) -> None:
     """Restore the heap, the greatest (score, place) first, below an entry that has shrunk."""
     while True:
-        child = 2 * at + 1
+        child = 2 * index + 1
         if child >= scores.size:
             return
         sibling = child + 1
@@ -95,37 +100,43 @@ def sift_down(scores: Shorts, pairs: Ints, at: int) -> None:
             pairs[child],
         ):
             child = sibling
-        if (scores[child], pairs[child]) <= (scores[at], pairs[at]):
+        if (scores[child], pairs[child]) <= (scores[index], pairs[index]):
             return
-        scores[child], scores[at] = scores[at], scores[child]
-        pairs[child], pairs[at] = pairs[at], pairs[child]
-        at = child
+        scores[child], scores[index] = scores[index], scores[child]
+        pairs[child], pairs[index] = pairs[index], pairs[child]
+        index = child
 
 
 @njit(nogil=True, cache=True)
 def score_block(
-    codes: Octets, first: int, beams: Ints, scan: Octets, max_gap: int, limit: int, scores: Shorts
+    codes: Octets,
+    block_start: int,
+    beam_numbers: Ints,
+    scan_codes: Octets,
+    max_gap: int,
+    max_score: int,
+    scores: Shorts,
 ) -> None:
     """Write the scores of sixty-four places at all turns into `scores`, (TURNS x 64,).
 
-    The scores of turns at which none of the places is below `limit` may be less than they are, but
+    The scores of turns at which none of the places is below `max_score` may be less than they are, but
     not below it.
     """
     stretch = MAX_OCTET // max_gap
-    cap, bound = np.uint8(max_gap), np.uint16(limit)
+    cap, bound = np.uint8(max_gap), np.uint16(max_score)
     scores[:] = 0
     for turn in range(0, TURNS, 4):  # so many turns are compared at once
         begin = 0
         row = turn * OCTETS
-        while begin < beams.size:
-            end = min(begin + stretch, beams.size)
+        while begin < beam_numbers.size:
+            end = min(begin + stretch, beam_numbers.size)
             first_sums = second_sums = third_sums = fourth_sums = zero_octets()
             for n in range(begin, end):
-                at = first + (beams[n] + turn) * OCTETS
-                first_sums = add_gaps(first_sums, codes, at, scan[n], cap)
-                second_sums = add_gaps(second_sums, codes, at + OCTETS, scan[n], cap)
-                third_sums = add_gaps(third_sums, codes, at + 2 * OCTETS, scan[n], cap)
-                fourth_sums = add_gaps(fourth_sums, codes, at + 3 * OCTETS, scan[n], cap)
+                at = block_start + (beam_numbers[n] + turn) * OCTETS
+                first_sums = add_gaps(first_sums, codes, at, scan_codes[n], cap)
+                second_sums = add_gaps(second_sums, codes, at + OCTETS, scan_codes[n], cap)
+                third_sums = add_gaps(third_sums, codes, at + 2 * OCTETS, scan_codes[n], cap)
+                fourth_sums = add_gaps(fourth_sums, codes, at + 3 * OCTETS, scan_codes[n], cap)
             add_octets_to(scores, row, first_sums)
             add_octets_to(scores, row + OCTETS, second_sums)
             add_octets_to(scores, row + 2 * OCTETS, third_sums)
@@ -140,24 +151,24 @@ def score_block(
 
 @njit(nogil=True, cache=True)
 def shortlist(
-    codes: Octets, places: int, beams: Ints, scan: Octets, max_gap: int, keep: int
+    codes: Octets, n_places: int, beam_numbers: Ints, scan_codes: Octets, max_gap: int, n_pairs: int
 ) -> tuple[Array, Array]:
-    """Find the `keep` best pairs of a place and a turn that is better than the turns next to it.
+    """Find the `n_pairs` best pairs of a place and a turn that is better than the turns next to it.
 
     Parameters
     ----------
     codes : (blocks x 2 TURNS x 64,) array of uint8
         Codes of the ranges of sixty-four places each; the beams follow each other twice, so that
         no turn has to begin anew.
-    places : int
+    n_places : int
         Number of places; the last block may be filled up.
-    beams : (k,) array of int64
+    beam_numbers : (k,) array of int64
         Numbers of the scan's beams that count.
-    scan : (k,) array of uint8
+    scan_codes : (k,) array of uint8
         Codes of their ranges.
     max_gap : int
         Gap at which a beam costs no more [codes].
-    keep : int
+    n_pairs : int
         Number of pairs.
 
     Returns
@@ -167,26 +178,26 @@ def shortlist(
     where : (n,) array of int64
         Index of the place times `TURNS`, plus the turn.
     """
-    best = np.full(keep, MAX_SHORT, np.uint16)  # of a place in the list that is not filled yet
-    pairs = np.full(keep, places * TURNS, np.int64)
+    best = np.full(n_pairs, MAX_SHORT, np.uint16)  # of a place in the list that is not filled yet
+    pairs = np.full(n_pairs, n_places * TURNS, np.int64)
     scores = np.empty(TURNS * OCTETS, np.uint16)
-    for block in range(-(-places // OCTETS)):
+    for block in range(-(-n_places // OCTETS)):
         first = block * 2 * TURNS * OCTETS
-        score_block(codes, first, beams, scan, max_gap, int(best[0]), scores)
+        score_block(codes, first, beam_numbers, scan_codes, max_gap, int(best[0]), scores)
         for turn in range(TURNS):
             row = turn * OCTETS
             before, after = (turn - 1) % TURNS * OCTETS, (turn + 1) % TURNS * OCTETS
             low = lanes_below(scores, row, best[0])
             while low:
-                lane = lowest_bit(low)
+                lane = find_lowest_bit(low)
                 low &= low - np.uint64(1)
                 place, score = block * OCTETS + lane, scores[row + lane]
-                if place >= places or score >= best[0]:
+                if place >= n_places or score >= best[0]:
                     continue
                 if score < scores[before + lane] and score <= scores[after + lane]:
                     best[0], pairs[0] = score, place * TURNS + turn
                     sift_down(best, pairs, 0)
-    order = np.argsort(best.astype(np.int64) * (places * TURNS + 1) + pairs)
+    order = np.argsort(best.astype(np.int64) * (n_places * TURNS + 1) + pairs)
     count = int((best != MAX_SHORT).sum())
     return best[order[:count]], pairs[order[:count]]
 

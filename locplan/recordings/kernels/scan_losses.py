@@ -70,10 +70,12 @@ def fits(tables: LossTables, x: float, y: float) -> bool:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def refine_pose(tables: LossTables, level: int, ends: Singles, lever: float, pose: Floats) -> float:
+def refine_pose(
+    tables: LossTables, level: int, ends: Singles, turn_lever: float, pose: Floats
+) -> float:
     """Move a pose, x, y [cells] and heading [rad], to where no step lowers the loss; return it.
 
-    Steps along the axes and turns that move an end `lever` cells away as far are tried in turn,
+    Steps along the axes and turns that move an end `turn_lever` cells away as far are tried in turn,
     with each of the level's steps. The robot fits at all positions but perhaps the first.
     """
     best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
@@ -84,7 +86,7 @@ def refine_pose(tables: LossTables, level: int, ends: Singles, lever: float, pos
             for axis in range(3):
                 for sign in (1.0, -1.0):
                     trial[:] = pose
-                    trial[axis] += sign * (step if axis < 2 else step / lever)
+                    trial[axis] += sign * (step if axis < 2 else step / turn_lever)
                     if axis < 2 and not fits(tables, trial[0], trial[1]):
                         continue
                     loss = loss_at(tables, level, ends, trial[0], trial[1], trial[2])
@@ -98,7 +100,7 @@ def refine_pose(tables: LossTables, level: int, ends: Singles, lever: float, pos
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def polish_pose(tables: LossTables, ends: Singles, lever: float, pose: Floats) -> float:
+def polish_pose(tables: LossTables, ends: Singles, turn_lever: float, pose: Floats) -> float:
     """Move a pose to where no step in any of 26 directions lowers the loss; return the loss.
 
     Steps along one axis alone stop where a turn would have to go with a move. The steps are those
@@ -113,7 +115,7 @@ def polish_pose(tables: LossTables, ends: Singles, lever: float, pose: Floats) -
             for n in range(27):
                 trial[0] = pose[0] + (n % 3 - 1) * step
                 trial[1] = pose[1] + (n // 3 % 3 - 1) * step
-                trial[2] = pose[2] + (n // 9 - 1) * step / lever
+                trial[2] = pose[2] + (n // 9 - 1) * step / turn_lever
                 if n == 13 or not fits(tables, trial[0], trial[1]):
                     continue
                 loss = loss_at(tables, level, ends, trial[0], trial[1], trial[2])
@@ -126,12 +128,12 @@ def polish_pose(tables: LossTables, ends: Singles, lever: float, pose: Floats) -
 
 
 @njit(nogil=True, cache=True)
-def are_alike(a: Floats, b: Floats, max_distance: float, max_turn: float) -> bool:
+def are_poses_close(first: Floats, second: Floats, max_distance: float, max_turn: float) -> bool:
     """True if two poses are nearer than `max_distance` [cells] and `max_turn` [rad]."""
-    across, along = a[0] - b[0], a[1] - b[1]
+    across, along = first[0] - second[0], first[1] - second[1]
     if across * across + along * along >= max_distance * max_distance:
         return False
-    return abs((a[2] - b[2] + np.pi) % (2 * np.pi) - np.pi) < max_turn
+    return abs((first[2] - second[2] + np.pi) % (2 * np.pi) - np.pi) < max_turn
 
 
 @njit(nogil=True, cache=True)
@@ -141,7 +143,7 @@ def find_distinct_poses(poses: Floats, order: Ints, max_distance: float, max_tur
     count = 0
     for n in order:
         for k in range(count):
-            if are_alike(poses[n], poses[distinct[k]], max_distance, max_turn):
+            if are_poses_close(poses[n], poses[distinct[k]], max_distance, max_turn):
                 break
         else:
             distinct[count] = n
@@ -154,7 +156,7 @@ def find_modes(
     tables: LossTables,
     ends: Singles,
     starts: Floats,
-    lever: float,
+    turn_lever: float,
     max_excess: float,
     slack: float,
     home: Floats,
@@ -194,25 +196,31 @@ def find_modes(
             losses[n] = factor * loss_at(
                 tables, 0, sparse_ends, poses[n, 0], poses[n, 1], poses[n, 2]
             )
-    place, candidates, order = (home[0], home[1], far_distance), (poses, losses), _ascending(losses)
+    place, candidates, order = (
+        (home[0], home[1], far_distance),
+        (poses, losses),
+        _sort_finite_losses(losses),
+    )
     _refine_all(
-        tables, 0, (sparse_ends, factor), lever, order, max_excess, slack, place, candidates
+        tables, 0, (sparse_ends, factor), turn_lever, order, max_excess, slack, place, candidates
     )
     for level in range(1, last + 1):
-        order = find_distinct_poses(poses, _ascending(losses), max_distance / 2, max_turn / 2)
+        order = find_distinct_poses(
+            poses, _sort_finite_losses(losses), max_distance / 2, max_turn / 2
+        )
         scaled = (sparse_ends, factor) if level < last else (ends, 1.0)
-        _refine_all(tables, level, scaled, lever, order, max_excess, 0.0, place, candidates)
-    distinct = find_distinct_poses(poses, _ascending(losses), max_distance, max_turn)
+        _refine_all(tables, level, scaled, turn_lever, order, max_excess, 0.0, place, candidates)
+    distinct = find_distinct_poses(poses, _sort_finite_losses(losses), max_distance, max_turn)
     poses, losses = poses[distinct], losses[distinct]
     for n in range(len(distinct)):
         if losses[n] <= losses[0] + max_excess:
-            losses[n] = polish_pose(tables, ends, lever, poses[n])
+            losses[n] = polish_pose(tables, ends, turn_lever, poses[n])
     order = np.argsort(losses, kind="mergesort")
     return poses[order], losses[order]
 
 
 @njit(nogil=True, cache=True)
-def _ascending(losses: Floats) -> Array:
+def _sort_finite_losses(losses: Floats) -> Array:
     """Indices of the finite losses, the least first."""
     return np.argsort(losses, kind="mergesort")[: int((losses < np.inf).sum())]
 
@@ -222,7 +230,7 @@ def _refine_all(
     tables: LossTables,
     level: int,
     scaled: tuple[Singles, float],
-    lever: float,
+    turn_lever: float,
     order: Ints,
     max_excess: float,
     slack: float,
@@ -239,7 +247,7 @@ def _refine_all(
         # The rest of the order is worse: refined, too, it would neither be the best nor near it.
         if before[n] > min_loss + max_excess + slack and before[n] > min_far_loss + slack:
             break
-        losses[n] = factor * refine_pose(tables, level, ends, lever, poses[n])
+        losses[n] = factor * refine_pose(tables, level, ends, turn_lever, poses[n])
         min_loss = min(min_loss, losses[n])
         if np.hypot(poses[n, 0] - x, poses[n, 1] - y) > far_distance:
             min_far_loss = min(min_far_loss, losses[n])
@@ -249,7 +257,7 @@ def _refine_all(
 def refine_on_lattice(
     tables: LossTables,
     ends: Singles,
-    lever: float,
+    turn_lever: float,
     half_steps: int,
     step: float,
     half_turns: int,
@@ -261,10 +269,10 @@ def refine_on_lattice(
     The lattice has so many steps [cells] to each side in x and y, and so many turns [rad]. That is
     repeated about the pose that was found, as long as the lattice has a lower loss, which is the
     loss at the least deviation. The robot fits at all positions but perhaps the first. For
-    `tables`, `ends` and `lever` see `refine_pose`.
+    `tables`, `ends` and `turn_lever` see `refine_pose`.
     """
     last = len(tables.corners) - 1
-    best = refine_pose(tables, last, ends, lever, pose)
+    best = refine_pose(tables, last, ends, turn_lever, pose)
     best_pose = np.empty(3)
     for _ in range(6):  # so often at most the pose moves to a better one of the lattice around it
         min_loss = best
@@ -282,5 +290,5 @@ def refine_on_lattice(
         if min_loss >= best:
             break
         pose[:] = best_pose
-        best = refine_pose(tables, last, ends, lever, pose)
+        best = refine_pose(tables, last, ends, turn_lever, pose)
     return best

@@ -33,59 +33,69 @@ def _errors() -> Floats:
     return np.asarray(((1 - SKIRT - SLIP) * body + SKIRT * skirt) / (2 * np.pi) ** 1.5)
 
 
-def _slips() -> Floats:
+def _tabulate_slip_densities() -> Floats:
     """Density of the distances of slips by their squares [1 / m^2]."""
     squares = np.arange(FARTHEST_SLIP**2 * PER_SQUARE_METRE + 2) / PER_SQUARE_METRE
     near, far = (np.exp(-0.5 * squares / d**2) / d**2 for d in (SLIP_NEAR, SLIP_FAR))
     return np.asarray(0.5 * SLIP * (near + far) / (2 * np.pi))
 
 
-def _slip_turns() -> Floats:
+def _tabulate_slip_turn_densities() -> Floats:
     """Density of the turns of slips by their size [1 / rad]."""
     turns = np.arange(np.pi * PER_RADIAN + 2) / PER_RADIAN
     return np.asarray(np.exp(-0.5 * (turns / SLIP_TURN) ** 2) / (SLIP_TURN * (2 * np.pi) ** 0.5))
 
 
-ERRORS, SLIPS, SLIP_TURNS = _errors(), _slips(), _slip_turns()
+ERRORS, SLIPS, SLIP_TURNS = _errors(), _tabulate_slip_densities(), _tabulate_slip_turn_densities()
 """Tables that take the place of exponentials, which took most of the smoother's time."""
 
 
 @njit(nogil=True, cache=True)
-def compute_motion_density(error: Array, deviation: Array, kidnapped: float) -> float:
+def compute_motion_density(error: Array, deviation: Array, kidnap_density: float) -> float:
     """Density of a move that errs so, (3,): a body with a skirt, slips, and a robot carried away.
 
-    `kidnapped` is the density of being put anywhere. The density is right to a thousandth.
+    `kidnap_density` is the density of being put anywhere. The density is right to a thousandth.
     """
     square, size = 0.0, 1.0
     for axis in range(3):
         square += (error[axis] / deviation[axis]) ** 2
         size *= deviation[axis]
-    return _density(square, error[0] ** 2 + error[1] ** 2, error[2], size, kidnapped)
+    return _compute_error_density(
+        square, error[0] ** 2 + error[1] ** 2, error[2], size, kidnap_density
+    )
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _density(
-    square: float, squared_distance: float, turn: float, size: float, kidnapped: float
+def _compute_error_density(
+    squared_error: float,
+    squared_distance: float,
+    turn: float,
+    deviation_product: float,
+    kidnap_density: float,
 ) -> float:
     """Density of an error by its square in deviations, squared distance [m^2] and turn [rad].
 
-    `size` is the product of the deviations.
+    `deviation_product` is the product of the deviations.
     """
     if squared_distance >= FARTHEST_SLIP**2:
-        return kidnapped
+        return kidnap_density
     slip = _interpolate_table(SLIPS, squared_distance * PER_SQUARE_METRE) * _interpolate_table(
         SLIP_TURNS, abs(turn) * PER_RADIAN
     )
-    if square >= MOST_SQUARE:
-        return kidnapped + slip
-    return kidnapped + slip + _interpolate_table(ERRORS, square * PER_SQUARE) / size
+    if squared_error >= MOST_SQUARE:
+        return kidnap_density + slip
+    return (
+        kidnap_density
+        + slip
+        + _interpolate_table(ERRORS, squared_error * PER_SQUARE) / deviation_product
+    )
 
 
 @njit(nogil=True, cache=True)
-def _interpolate_table(table: Floats, at: float) -> float:
+def _interpolate_table(table: Floats, position: float) -> float:
     """Value of a table between its entries."""
-    n = int(at)
-    return table[n] + (at - n) * (table[n + 1] - table[n])
+    n = int(position)
+    return table[n] + (position - n) * (table[n + 1] - table[n])
 
 
 @njit(nogil=True, cache=True)
@@ -143,7 +153,7 @@ def sample_backwards(
     clouds: Singles,
     moves: Floats,
     deviations: Floats,
-    kidnapped: float,
+    kidnap_density: float,
     trajectories: Floats,
 ) -> None:
     """Draw trajectories (s, k, 3) from the clouds (k, 3, n) of a filter, from the last one back.
@@ -178,7 +188,9 @@ def sample_backwards(
                 square = ((cos[n] * dx + sin[n] * dy) / deviation[0]) ** 2
                 square += ((cos[n] * dy - sin[n] * dx) / deviation[1]) ** 2
                 square += (turn / deviation[2]) ** 2
-                total += _density(square, dx * dx + dy * dy, turn, size, kidnapped)
+                total += _compute_error_density(
+                    square, dx * dx + dy * dy, turn, size, kidnap_density
+                )
                 shares[n] = total
             particle = min(int(np.searchsorted(shares, marks[k, s] * total)), count - 1)
             for axis in range(3):
@@ -186,26 +198,32 @@ def sample_backwards(
 
 
 @njit(nogil=True, cache=True)
-def find_likeliest_way(
-    candidates: Floats, gains: Floats, moves: Floats, deviations: Floats, kidnapped: float
+def find_likeliest_candidates(
+    candidates: Floats,
+    log_likelihoods: Floats,
+    moves: Floats,
+    deviations: Floats,
+    kidnap_density: float,
 ) -> Ints:
     """Index of the candidate at each of k scans, (k,), of the likeliest way (Viterbi).
 
-    `candidates` (c, k, 3) have log-likelihoods `gains` (c, k).
+    `candidates` (c, k, 3) have log-likelihoods `log_likelihoods` (c, k).
     """
-    n_candidates, count = gains.shape
+    n_candidates, count = log_likelihoods.shape
     came = np.empty((count, n_candidates), np.int64)
-    best, after, error = gains[:, 0].copy(), np.empty(n_candidates), np.empty(3)
+    best, after, error = log_likelihoods[:, 0].copy(), np.empty(n_candidates), np.empty(3)
     for k in range(1, count):
         for c in range(n_candidates):
             after[c], came[k, c] = -np.inf, 0
             for b in range(n_candidates):
                 write_motion_error(candidates[b, k - 1], candidates[c, k], moves[k], error)
-                total = best[b] + np.log(compute_motion_density(error, deviations[k], kidnapped))
+                total = best[b] + np.log(
+                    compute_motion_density(error, deviations[k], kidnap_density)
+                )
                 if total > after[c]:
                     after[c], came[k, c] = total, b
         for c in range(n_candidates):
-            best[c] = after[c] + gains[c, k]
+            best[c] = after[c] + log_likelihoods[c, k]
     way = np.empty(count, np.int64)
     way[count - 1] = np.argmax(best)
     for k in range(count - 1, 0, -1):

@@ -13,7 +13,7 @@ from numba import njit
 from locplan._support.kernels.arrays import Floats, Octets
 
 
-class Body(NamedTuple):
+class RobotBody(NamedTuple):
     """A robot's outline and motion."""
 
     discs: Floats  # (n, 3) centre ahead and to the left of the robot's own, and radius [m]
@@ -24,7 +24,7 @@ class Body(NamedTuple):
     retreat: float  # speed of backing off [m/s]
 
 
-class Surroundings(NamedTuple):
+class DriveWorld(NamedTuple):
     """The true world of a drive."""
 
     squares: Octets  # (4, H + 2, W + 2) as `rays.compute_empty_squares` gives them
@@ -32,18 +32,18 @@ class Surroundings(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def measure_gap(squares: Octets, row: float, col: float, reach: float) -> float:
-    """Distance to the nearest wall's edge, up to `reach` [cells]; below 0 off the map."""
+def measure_wall_distance(squares: Octets, row: float, col: float, max_distance: float) -> float:
+    """Distance to the nearest wall's edge, up to `max_distance` [cells]; below 0 off the map."""
     i, j = int(np.floor(row)), int(np.floor(col))
     rows, cols = squares.shape[1] - 2, squares.shape[2] - 2
     if not (0 <= i < rows and 0 <= j < cols):
         return -np.inf
-    if int(squares[:, i + 1, j + 1].min()) - 1 >= reach:
-        return reach
-    min_square = reach * reach
-    for r in range(max(0, int(row - reach)), min(rows, int(row + reach) + 1)):
+    if int(squares[:, i + 1, j + 1].min()) - 1 >= max_distance:
+        return max_distance
+    min_square = max_distance * max_distance
+    for r in range(max(0, int(row - max_distance)), min(rows, int(row + max_distance) + 1)):
         up = max(r - row, row - r - 1, 0.0)
-        for c in range(max(0, int(col - reach)), min(cols, int(col + reach) + 1)):
+        for c in range(max(0, int(col - max_distance)), min(cols, int(col + max_distance) + 1)):
             if squares[0, r + 1, c + 1] == 0:
                 across = max(c - col, col - c - 1, 0.0)
                 min_square = min(min_square, up * up + across * across)
@@ -52,7 +52,7 @@ def measure_gap(squares: Octets, row: float, col: float, reach: float) -> float:
 
 @njit(nogil=True, cache=True)
 def measure_margin(
-    surroundings: Surroundings, body: Body, x: float, y: float, heading: float, max_margin: float
+    surroundings: DriveWorld, body: RobotBody, x: float, y: float, heading: float, max_margin: float
 ) -> float:
     """Distance of an outline from the walls, up to `max_margin` [m]; below 0 it is in one."""
     cos, sin, cell = np.cos(heading), np.sin(heading), surroundings.resolution
@@ -61,5 +61,7 @@ def measure_margin(
         ahead, left, radius = body.discs[n]
         row, col = (y + sin * ahead + cos * left) / cell, (x + cos * ahead - sin * left) / cell
         reach = max(radius + margin, 0.0) / cell
-        margin = min(margin, measure_gap(surroundings.squares, row, col, reach) * cell - radius)
+        margin = min(
+            margin, measure_wall_distance(surroundings.squares, row, col, reach) * cell - radius
+        )
     return margin

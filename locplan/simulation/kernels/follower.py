@@ -25,9 +25,14 @@ from locplan._support.kernels.drives import (
     estimate_pose,
     is_update_due,
 )
-from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
+from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, simulate_measured_ends
 from locplan._support.kernels.particles import BeamScores, FilterSettings
-from locplan.simulation.kernels.bodies import Body, Surroundings, measure_gap, measure_margin
+from locplan.simulation.kernels.bodies import (
+    DriveWorld,
+    RobotBody,
+    measure_margin,
+    measure_wall_distance,
+)
 from locplan.simulation.kernels.pursuit import (
     AT,
     BLOCKED,
@@ -40,10 +45,10 @@ from locplan.simulation.kernels.pursuit import (
     STANDSTILLS,
     TICK,
     TICKS,
-    DriveState,
+    DriveTrace,
     advance_to_nearest,
     is_clear,
-    is_way_free,
+    is_path_ahead_clear,
     pursue,
 )
 
@@ -73,7 +78,7 @@ GO, PLAN, ENDED, ABORTED, TIMED_OUT = range(5)
 
 @njit(nogil=True, cache=True)
 def decide(
-    path: Floats, surroundings: Surroundings, body: Body, period: int, trace: DriveState
+    path: Floats, surroundings: DriveWorld, body: RobotBody, replan_ticks: int, trace: DriveTrace
 ) -> int:
     """Write the next command into the trace; return GO, PLAN, or the outcome of the drive.
 
@@ -86,7 +91,7 @@ def decide(
         The true world.
     body : Body
         The robot.
-    period : int
+    replan_ticks : int
         Number of ticks after which the robot plans again without an obstacle in its way.
     trace : Trace
         The drive until now.
@@ -111,17 +116,19 @@ def decide(
         return fail(counts)
     tx, ty, _ = trace.truth[n]
     cell = surroundings.resolution
-    room = measure_gap(surroundings.squares, ty / cell, tx / cell, NEAR / cell) * cell
-    carrot_distance = pursue(path, body, room, trace)
+    wall_distance = (
+        measure_wall_distance(surroundings.squares, ty / cell, tx / cell, NEAR / cell) * cell
+    )
+    carrot_distance = pursue(path, body, wall_distance, trace)
     clear = is_clear(surroundings, body, carrot_distance, trace)
     if n > counts[PLAN_TICK]:
         # Nav2 plans once a second. Without need the planner would find the same path again.
-        due = n - counts[PLAN_TICK] >= period
+        due = n - counts[PLAN_TICK] >= replan_ticks
         if not due and n % REPLAN == 0:
             due = (
                 not clear
                 or path_distance > ASTRAY
-                or not is_way_free(path, surroundings, body, trace)
+                or not is_path_ahead_clear(path, surroundings, body, trace)
             )
         if due:
             counts[PLAN_TICK] = n
@@ -155,7 +162,7 @@ def fail(counts: Ints) -> int:
 
 
 @njit(nogil=True, cache=True)
-def recover(path: Floats, surroundings: Surroundings, body: Body, trace: DriveState) -> int:
+def recover(path: Floats, surroundings: DriveWorld, body: RobotBody, trace: DriveTrace) -> int:
     """Spin, wait, or back up if that is clear, and plan again at last."""
     counts, command = trace.counts, trace.command
     counts[RECOVERY] -= 1
@@ -175,10 +182,10 @@ def recover(path: Floats, surroundings: Surroundings, body: Body, trace: DriveSt
 @njit(nogil=True, cache=True)
 def apply_command(
     random: Random,
-    surroundings: Surroundings,
-    body: Body,
+    surroundings: DriveWorld,
+    body: RobotBody,
     odometry: OdometryErrors,
-    trace: DriveState,
+    trace: DriveTrace,
 ) -> None:
     """Drive for a tick: odometry reports the command, and its errors are in the true motion."""
     n, command = trace.counts[TICKS], trace.command
@@ -213,11 +220,11 @@ def write_next_pose(poses: Floats, n: int, way: float, bearing: float, turn: flo
 @njit(nogil=True, cache=True, error_model="numpy")
 def follow(
     random: Random,
-    sensing: Random,
+    sensor_random: Random,
     path: Floats,
-    surroundings: Surroundings,
-    body: Body,
-    period: int,
+    surroundings: DriveWorld,
+    body: RobotBody,
+    replan_ticks: int,
     frame: Floats,
     tracker: FilterState,
     scores: BeamScores,
@@ -226,13 +233,13 @@ def follow(
     odometry: OdometryErrors,
     settings: FilterSettings,
     perfect: bool,
-    trace: DriveState,
+    trace: DriveTrace,
 ) -> int:
     """Drive until a plan is needed or the drive has ended; return this decision.
 
     Parameters
     ----------
-    random, sensing : numpy.random.Generator
+    random, sensor_random : numpy.random.Generator
         Sources of random numbers: of odometry, and of the lidar and the filter.
     path, surroundings, body, period, trace
         As for `decide`.
@@ -256,24 +263,26 @@ def follow(
         else:
             due = is_update_due(tracker, trace.reported, n, settings)
             if due:
-                advance_particles(sensing, tracker, trace.reported, n, settings)
+                advance_particles(sensor_random, tracker, trace.reported, n, settings)
             if due or n == 0:
                 x, y, cell[2] = trace.truth[n]
                 cell[0], cell[1] = y / resolution, x / resolution
-                measure_ends(sensing, squares, resolution, cell, lidar, disturbances, ends)
+                simulate_measured_ends(
+                    sensor_random, squares, resolution, cell, lidar, disturbances, ends
+                )
                 for b in range(len(ends)):
                     ends[b, 0] *= finer
                     ends[b, 1] *= finer
-                correct_particles(sensing, tracker, scores, ends, n, settings)
+                correct_particles(sensor_random, tracker, scores, ends, n, settings)
             believe(estimate_pose(tracker, trace.reported, n), frame, trace)
-        decision = decide(path, surroundings, body, period, trace)
+        decision = decide(path, surroundings, body, replan_ticks, trace)
         if decision != GO:
             return decision
         apply_command(random, surroundings, body, odometry, trace)
 
 
 @njit(nogil=True, cache=True)
-def believe(pose: tuple[float, float, float], frame: Floats, trace: DriveState) -> None:
+def believe(pose: tuple[float, float, float], frame: Floats, trace: DriveTrace) -> None:
     """Write the filter's pose, given in its map's axes, into the trace."""
     n = trace.counts[TICKS]
     cos, sin = np.cos(frame[2]), np.sin(frame[2])

@@ -12,7 +12,7 @@ from numba import njit
 
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.kernels.particles import wrap_angle
-from locplan.simulation.kernels.bodies import Body, Surroundings, measure_margin
+from locplan.simulation.kernels.bodies import DriveWorld, RobotBody, measure_margin
 
 TICK = 0.1
 """Time between two commands [s]."""
@@ -41,7 +41,7 @@ TICKS, AT, BLOCKED, PLAN_TICK, FAILED, RECOVERY, SINCE, STANDSTILLS = range(8)
 """Places in `Trace.counts`."""
 
 
-class DriveState(NamedTuple):
+class DriveTrace(NamedTuple):
     """A drive until now."""
 
     truth: Floats  # (ticks, 3) true poses
@@ -53,7 +53,9 @@ class DriveState(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def is_clear(surroundings: Surroundings, body: Body, reach: float, trace: DriveState) -> bool:
+def is_clear(
+    surroundings: DriveWorld, body: RobotBody, max_distance: float, trace: DriveTrace
+) -> bool:
     """True if a second of the command, at most so far [m], keeps off the walls.
 
     A robot that is too close to a wall may move if it comes no nearer.
@@ -66,7 +68,7 @@ def is_clear(surroundings: Surroundings, body: Body, reach: float, trace: DriveS
         cos, sin = np.cos(middle) * TICK, np.sin(middle) * TICK
         x, y = x + cos * ahead - sin * left, y + sin * ahead + cos * left
         heading += turn * TICK
-        if np.hypot(x - first[0], y - first[1]) > reach:
+        if np.hypot(x - first[0], y - first[1]) > max_distance:
             return True
         if measure_margin(surroundings, body, x, y, heading, margin) < margin - 1e-9:
             return False
@@ -103,17 +105,19 @@ def find_carrot(path: Floats, x: float, y: float, nearest: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def regulate_speed(speed: float, curvature: float, room: float, left: float) -> float:
+def regulate_speed(
+    speed: float, curvature: float, wall_distance: float, goal_distance: float
+) -> float:
     """Return the speed on an arc at a distance from walls and from the goal [m]."""
-    slow = speed * min(1.0, room / NEAR)
+    slow = speed * min(1.0, wall_distance / NEAR)
     if abs(curvature) * TIGHT > 1:
         slow = min(slow, speed / (abs(curvature) * TIGHT))
     speed = min(speed, max(slow, MIN_SPEED))
-    return min(speed, max(speed * min(1.0, left / APPROACH), MIN_APPROACH))
+    return min(speed, max(speed * min(1.0, goal_distance / APPROACH), MIN_APPROACH))
 
 
 @njit(nogil=True, cache=True)
-def pursue(path: Floats, body: Body, room: float, trace: DriveState) -> float:
+def pursue(path: Floats, body: RobotBody, wall_distance: float, trace: DriveTrace) -> float:
     """Write the command that leads to the point ahead on the path; return its distance [m]."""
     x, y, heading = trace.believed[trace.counts[TICKS]]
     carrot, last = find_carrot(path, x, y, trace.counts[AT]), len(path) - 1
@@ -128,7 +132,7 @@ def pursue(path: Floats, body: Body, room: float, trace: DriveState) -> float:
     if body.radius > 0:
         curvature = min(max(curvature, -1 / body.radius), 1 / body.radius)
     left = np.hypot(path[last, 0] - x, path[last, 1] - y) if carrot == last else np.inf
-    speed, command = regulate_speed(body.speed, curvature, room, left), trace.command
+    speed, command = regulate_speed(body.speed, curvature, wall_distance, left), trace.command
     if body.omnidirectional:
         command[0], command[1] = speed * np.cos(bearing), speed * np.sin(bearing)
         command[2] = min(max(bearing, -MAX_TURN), MAX_TURN)
@@ -141,7 +145,9 @@ def pursue(path: Floats, body: Body, room: float, trace: DriveState) -> float:
 
 
 @njit(nogil=True, cache=True)
-def is_way_free(path: Floats, surroundings: Surroundings, body: Body, trace: DriveState) -> bool:
+def is_path_ahead_clear(
+    path: Floats, surroundings: DriveWorld, body: RobotBody, trace: DriveTrace
+) -> bool:
     """True if the path ahead keeps the margin of an arc from the walls that the robot sees.
 
     The robot places these walls relative to the filter's pose.

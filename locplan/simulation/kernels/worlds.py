@@ -17,7 +17,12 @@ LOW, HALF = np.uint64(11), np.uint64(32)
 
 @njit(nogil=True, cache=True)
 def flip_cells(
-    stops: Bools, cells: Ints, row: int, col: int, share: float, seed: np.uint64
+    is_occupied: Bools,
+    cells: Ints,
+    first_row: int,
+    first_col: int,
+    flip_share: float,
+    seed: np.uint64,
 ) -> None:
     """Flip a share of some cells in place, selected by a hash of the seed and of each cell.
 
@@ -26,13 +31,13 @@ def flip_cells(
 
     Parameters
     ----------
-    stops : (H, W) array
+    is_occupied : (H, W) array
         The part of the map.
     cells : (n, 2) array
         Row and column in the part of the cells that may flip.
-    row, col : int
+    first_row, first_col : int
         Row and column of the part's first cell in the map.
-    share : float
+    flip_share : float
         Probability with which each flips.
     seed : uint64
         Seed of the hash.
@@ -40,10 +45,10 @@ def flip_cells(
     for n in range(len(cells)):
         i, j = cells[n, 0], cells[n, 1]
         # The counter of splitmix64 is the cell's number, so that cells need no order.
-        key = (np.uint64(row + i) << HALF) | np.uint64(col + j)
+        key = (np.uint64(first_row + i) << HALF) | np.uint64(first_col + j)
         bits = seed + (key + np.uint64(1)) * GAMMA
         bits = (bits ^ (bits >> SHIFTS[0])) * MIX[0]
         bits = (bits ^ (bits >> SHIFTS[1])) * MIX[1]
         bits ^= bits >> SHIFTS[2]
-        if (bits >> LOW) * 2.0**-53 < share:
-            stops[i, j] = not stops[i, j]
+        if (bits >> LOW) * 2.0**-53 < flip_share:
+            is_occupied[i, j] = not is_occupied[i, j]
