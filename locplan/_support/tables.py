@@ -96,7 +96,7 @@ def format_table(
     """Return a table as text, at most as wide as the terminal, or as `width` [characters]."""
     from rich import box
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
     from rich.text import Text
 
     # Plain text in a notebook and on a terminal, too: it may be written to a file.
