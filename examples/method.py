@@ -32,7 +32,9 @@ def main(folder: str = "method") -> None:
 
     # At one place: match the map around it with the map itself, at every offset (dx, dy, theta).
     for (name, (x, y)), axes in zip(PLACES.items(), above.subplots(1, 2), strict=True):
-        area = template_matching.mismatch(grid, x, y, estimator)  # Eq. 2: S, as an area [m^2]
+        area = template_matching.compute_mismatch_areas(
+            grid, x, y, estimator
+        )  # Eq. 2: S, as an area [m^2]
         weights = 1 / np.maximum(area, grid.resolution**2 / 2) ** 2  # Eq. 9
         poses = [part.ravel() for part in offsets]
         covariance = np.cov(poses, aweights=weights.ravel(), ddof=0)  # Eq. 8, with k = 1

@@ -100,7 +100,7 @@ def draw_place(folder: str, map_file: str, at: str) -> None:
         for reach in RANGES
     }
     title = f"{grid.name} at {x:g}, {y:g} m, range {estimator.range:g} m"
-    mismatch = {title: template_matching.mismatch(grid, x, y, estimator)}
+    mismatch = {title: template_matching.compute_mismatch_areas(grid, x, y, estimator)}
     drawn = {
         "ellipses": ellipses_figure(fields),
         "e": e_figure(fields),

@@ -28,7 +28,7 @@ from locplan._support.intervals import (
     Interval,
     RankStatistics,
     make_generator,
-    rank,
+    compute_rank_statistics,
 )
 from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
 from locplan._support.kernels.lidar import (
@@ -361,7 +361,7 @@ class Evaluation:
         """
         drawn = BootstrapResamples.from_counts([len(places.points) for places in self.places])
         return {
-            (predictor, kind): rank(
+            (predictor, kind): compute_rank_statistics(
                 [found[predictor] for found in self.predictions],
                 [places.rmse(kind, predictor.of_heading) for places in self.places],
                 drawn,

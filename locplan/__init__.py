@@ -10,7 +10,7 @@
 'solved'
 """
 
-from locplan._support.public import attach
+from locplan._support.public import attach_lazy_names
 
 __version__ = "0.2.0.dev0"
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_lazy_names(__name__, __file__)

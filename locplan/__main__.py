@@ -13,7 +13,7 @@ def main() -> None:
     try:
         from locplan._support.supervision import run_supervised
 
-        code = run_supervised(work, clear)
+        code = run_supervised(run_command_line, finish_and_remove_temporary_folder)
     except KeyboardInterrupt:  # before there was a second process
         print("locplan: interrupted", file=sys.stderr)
         code = 130
@@ -29,7 +29,7 @@ def _open_closed_streams() -> None:
             setattr(sys, name, os.fdopen(number, "w" if number else "r"))
 
 
-def clear(folder: str) -> None:
+def finish_and_remove_temporary_folder(folder: str) -> None:
     """Finish what a killed process has begun in a temporary folder, and remove it."""
     from contextlib import suppress
     from pathlib import Path
@@ -40,7 +40,7 @@ def clear(folder: str) -> None:
         output.finish_moves(Path(folder))
 
 
-def work() -> None:
+def run_command_line() -> None:
     """Run the command line in this process, and let it end without a last search for garbage."""
     # Imports alone make so many objects that the default, 700, costs half of the start.
     gc.set_threshold(200_000, 20, 50)

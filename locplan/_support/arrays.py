@@ -74,7 +74,10 @@ def _read_array(data: bytes) -> NDArray[Any]:
 
 
 def write_arrays(
-    file: str | os.PathLike[str], arrays: Mapping[str, ArrayLike], *, plain: Collection[str] = ()
+    file: str | os.PathLike[str],
+    arrays: Mapping[str, ArrayLike],
+    *,
+    uncompressed_names: Collection[str] = (),
 ) -> None:
     """Write arrays by name into a .npz file.
 
@@ -84,7 +87,7 @@ def write_arrays(
         The file; an existing file is replaced.
     arrays : mapping of str to array
         The arrays.
-    plain : collection of str, optional
+    uncompressed_names : collection of str, optional
         Names of the arrays that are not compressed, and read five times as fast.
     """
     import zipfile
@@ -92,6 +95,8 @@ def write_arrays(
     # Level 1 takes a third of the usual level's time, and a tenth more room.
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name, array in arrays.items():
-            archive.compression = zipfile.ZIP_STORED if name in plain else zipfile.ZIP_DEFLATED
+            archive.compression = (
+                zipfile.ZIP_STORED if name in uncompressed_names else zipfile.ZIP_DEFLATED
+            )
             with archive.open(f"{name}.npy", "w", force_zip64=True) as target:
                 np.lib.format.write_array(target, np.asarray(array), allow_pickle=False)

@@ -199,7 +199,7 @@ def _format_maximum(value: object) -> str:
     return f" and at most {MAX_AMOUNT:g}" if is_number(value) and abs(value) > MAX_AMOUNT else ""
 
 
-def setting(default: object, *limits: Any) -> Any:
+def checked_setting(default: object, *limits: Any) -> Any:
     """Return a field of `Settings` with a check for the type of its default.
 
     `limits` are a number's minimum and maximum, or all words; or one of the checks above, with its

@@ -28,7 +28,7 @@ from matplotlib.ticker import FuncFormatter, Locator, MaxNLocator, NullFormatter
 from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 
 from locplan._support.checks import make_printable
-from locplan._support.files import PICTURES, check_target
+from locplan._support.files import PICTURES, check_writable_file
 from locplan._support.kernels.arrays import Floats, Octets
 from locplan._support.output import replace_file
 from locplan._support.public import render_png
@@ -79,7 +79,7 @@ PREVIEW_DPI = 110
 """Pixels an inch of the pictures beside exported files."""
 
 
-def outline(width: float = 4) -> list[Any]:
+def make_white_outline(width: float = 4) -> list[Any]:
     """Return the effects of a white outline around a line or a text.
 
     Parameters
@@ -458,7 +458,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = FILE
     LocplanError
         If the suffix is another, or the file cannot be written.
     """
-    check_target(FilePath(path), *PICTURES)
+    check_writable_file(FilePath(path), *PICTURES)
     suffix = FilePath(path).suffix.lower().lstrip(".")
     with replace_file(path) as temporary:
         # matplotlib's writer of PDFs hides an error of the disk behind one of its own

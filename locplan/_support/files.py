@@ -34,7 +34,7 @@ def protect_input(path: Path) -> None:
         inputs.add(_resolve_links(path))
 
 
-def check_target(path: Path, *suffixes: str) -> None:
+def check_writable_file(path: Path, *suffixes: str) -> None:
     """Raise a LocplanError unless a file with one of these suffixes can be written there.
 
     It is called before long work, so that no work is lost.

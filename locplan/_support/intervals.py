@@ -230,7 +230,7 @@ class BootstrapResamples:
         return cls(places, maps)
 
 
-def rank(
+def compute_rank_statistics(
     values: Sequence[Floats], errors: Sequence[Floats], resamples: BootstrapResamples
 ) -> RankStatistics:
     """Compute statistics of how well values rank errors.
@@ -251,7 +251,7 @@ def rank(
         ],
         axis=1,
     )
-    within = np.array([spearman(v, e) for v, e in zip(values, errors, strict=True)])
+    within = np.array([compute_spearman(v, e) for v, e in zip(values, errors, strict=True)])
     within_drawn = np.stack(
         [
             _compute_spearmans(v, e, w)
@@ -262,21 +262,22 @@ def rank(
     means = (within_drawn * resamples.maps).sum(axis=1) / resamples.maps.sum(axis=1)
     return RankStatistics(
         interval_from_resamples(
-            spearman(all_values, all_errors), _compute_spearmans(all_values, all_errors, weights)
+            compute_spearman(all_values, all_errors),
+            _compute_spearmans(all_values, all_errors, weights),
         ),
         interval_from_resamples(float(within.mean()), means),
         interval_from_resamples(
-            auc(all_values, all_errors), _compute_aucs(all_values, all_errors, weights)
+            compute_auc(all_values, all_errors), _compute_aucs(all_values, all_errors, weights)
         ),
     )
 
 
-def spearman(values: Floats, errors: Floats) -> float:
+def compute_spearman(values: Floats, errors: Floats) -> float:
     """Return Spearman's rank correlation, 0 if either is constant."""
     return float(_compute_spearmans(values, errors, np.ones((1, len(values))))[0])
 
 
-def auc(values: Floats, errors: Floats) -> float:
+def compute_auc(values: Floats, errors: Floats) -> float:
     """Return the area under the ROC curve of finding the worst fifth; ties count half.
 
     Examples

@@ -24,7 +24,7 @@ from locplan._support import runs
 from locplan._support.checks import check_file_path
 from locplan._support.files import (
     check_replaces_no_input,
-    check_target,
+    check_writable_file,
     check_writable_folder,
     translate_write_errors,
 )
@@ -80,7 +80,7 @@ class ResultOutput:
         for folder in (self._absolute_folder, *self._absolute_folder.parents):
             clear_abandoned_folders(folder)  # the folder may exist only since a run was killed
         if self.is_file:
-            check_target(self.target)
+            check_writable_file(self.target)
         else:
             check_writable_folder(self.target)
         for name in names:
@@ -194,7 +194,7 @@ class ResultFiles:
     purposes: Mapping[str, str] = field(default_factory=dict)
     """Purpose of a file by its name or pattern, the most useful first."""
 
-    def into(self, folder: Path, *names: str, force: bool = False) -> ResultOutput:
+    def make_output(self, folder: Path, *names: str, force: bool = False) -> ResultOutput:
         """Return the output into a folder, checked for these files and more before the work."""
         output = ResultOutput(
             folder, self.kind, force, unfinished=self.unfinished, purposes=self.purposes

@@ -225,7 +225,7 @@ class FrameTree:
         return tuple(sorted({name for edge in self._edges for name in edge}))
 
     @property
-    def clock(self) -> tuple[float, float]:
+    def moving_time_range(self) -> tuple[float, float]:
         """Times of the first and the last sample that moves; infinite if there is none."""
         tracks = [track for track in self._edges.values() if isinstance(track, TransformTrack)]
         begins, ends = [track.begin for track in tracks], [track.end for track in tracks]

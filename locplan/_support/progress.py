@@ -171,14 +171,14 @@ def split_progress(
 ) -> list[ProgressCallback]:
     """Return callbacks for consecutive parts of one task, with `sizes` steps."""
 
-    def part(before: int) -> ProgressCallback:
+    def make_part_callback(before: int) -> ProgressCallback:
         def update(n_done: int, _: int) -> None:
             if progress:
                 progress(before + n_done, sum(sizes))
 
         return update
 
-    return [part(sum(sizes[:n])) for n in range(len(sizes))]
+    return [make_part_callback(sum(sizes[:n])) for n in range(len(sizes))]
 
 
 def scale_progress(progress: ProgressCallback | None, steps: int) -> ProgressCallback:

@@ -126,7 +126,7 @@ def compose_yaml(file: Path, content: bytes, remedy: str) -> Any:
     """Return the nodes of a file's YAML or None, without resolving tags or aliases."""
     import yaml
 
-    if _depth(content) > MAX_DEPTH:
+    if _compute_bracket_depth(content) > MAX_DEPTH:
         raise make_map_error(file, f"has brackets over {MAX_DEPTH} deep", remedy)
     try:
         return yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
@@ -167,7 +167,7 @@ def parse_scalar(node: Any) -> Any:
         return node.value
 
 
-def _depth(content: bytes) -> int:
+def _compute_bracket_depth(content: bytes) -> int:
     """Return the depth of the brackets of a text, including comments and quotes."""
     steps = (1 if bracket in b"[{" else -1 for bracket in re.findall(rb"[\[\]{}]", content))
     depths = itertools.accumulate(steps, lambda depth, step: max(0, depth + step), initial=0)
@@ -218,7 +218,8 @@ def format_yaml_flow(value: Any) -> str:
     if isinstance(value, str) and "::" in value:
         return f'"{value}"'
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{key}: {format_yaml_flow(member)}' for key, member in value.items())}}}"
+        members = (f"{key}: {format_yaml_flow(member)}" for key, member in value.items())
+        return f"{{{', '.join(members)}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(format_yaml_flow, value))}]"
     return format_yaml_scalar(value)
@@ -228,7 +229,7 @@ STAMP = ("locplan", "kind", "version")
 """Names of the entries."""
 
 
-def stamp(kind: str, version: int) -> dict[str, Any]:
+def make_file_stamp(kind: str, version: int) -> dict[str, Any]:
     """Return the first entries of a file: program, kind, and version."""
     return dict(zip(STAMP, (__version__, kind, version), strict=True))
 

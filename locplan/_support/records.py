@@ -162,7 +162,8 @@ class Table:
     def records(self) -> list[dict[str, Any]]:
         """Return the rows as plain data for JSON; unknown values are null."""
         return [
-            tables.nan_to_none(dict(zip(self.names, row, strict=True))) for row in self._values()
+            tables.nan_to_none(dict(zip(self.names, row, strict=True)))
+            for row in self._iterate_values()
         ]
 
     def write_csv(self, file: Path) -> None:
@@ -173,7 +174,7 @@ class Table:
         file : path
             The file.
         """
-        tables.write_csv_rows(file, self.names, self._values())
+        tables.write_csv_rows(file, self.names, self._iterate_values())
 
     def write_geojson(
         self, file: Path, outlines: Iterable[ArrayLike | Outline], *, frame: str = "map"
@@ -203,9 +204,9 @@ class Table:
         require_extra("pandas", "tables", "a data frame")
         import pandas
 
-        return pandas.DataFrame([*self._values()], columns=[*self.names])
+        return pandas.DataFrame([*self._iterate_values()], columns=[*self.names])
 
-    def _values(self) -> Iterator[Sequence[Any]]:
+    def _iterate_values(self) -> Iterator[Sequence[Any]]:
         """The values of each row by `names`."""
         for row in self.rows:
             pairs = zip(self.columns, row, strict=True)
@@ -234,12 +235,12 @@ class Result(DrawableResult):
     if TYPE_CHECKING:
         report: Callable[..., str]
 
-    def summary(self, *related: Any, **details: Any) -> dict[str, object]:
+    def summary(self, *related_results: Any, **details: Any) -> dict[str, object]:
         """Return the result in numbers, fit for JSON: by default all of its fields.
 
         Parameters
         ----------
-        *related, **details
+        *related_results, **details
             Related results, such as the drives that verify it.
         """
         return to_plain_data(self)
@@ -248,14 +249,16 @@ class Result(DrawableResult):
         """Return the table of the result."""
         raise NotImplementedError
 
-    def save(self, folder: str | os.PathLike[str], *related: Any, force: bool = False) -> None:
+    def save(
+        self, folder: str | os.PathLike[str], *related_results: Any, force: bool = False
+    ) -> None:
         """Write the summary as JSON, the figure, and the tables, whole or not at all.
 
         Parameters
         ----------
         folder : path
             Folder of the results, which need not exist.
-        *related
+        *related_results
             Arguments of `summary`.
         force : bool, default False
             True overwrites files of the same names and removes results of another command. It
@@ -267,30 +270,30 @@ class Result(DrawableResult):
             If a file cannot be written, or the folder holds files that are not earlier results of
             this kind.
         """
-        target = self.files.into(check_file_path("a folder of results", folder), force=force)
+        target = self.files.make_output(check_file_path("a folder of results", folder), force=force)
         with target.writing() as new:
-            self.write_files(new, *related)
+            self.write_files(new, *related_results)
 
-    def write_files(self, folder: Path, *related: Any) -> None:
+    def write_files(self, folder: Path, *related_results: Any) -> None:
         """Write the files of `save` into an existing folder.
 
         Parameters
         ----------
         folder : path
             The folder.
-        *related
+        *related_results
             Arguments of `summary`.
         """
         kind = self.files.kind
         if isinstance(self, StoredResult) and self.suffix == ".json":
             self.write(folder / f"{kind}.json")
         else:
-            tables.write_json(folder / f"{kind}.json", self.summary(*related))
+            tables.write_json(folder / f"{kind}.json", self.summary(*related_results))
         if self.is_drawable:
-            self.figure(*related).savefig(folder / f"{kind}.png", **IN_FILES)
-        self._write(folder, *related)
+            self.figure(*related_results).savefig(folder / f"{kind}.png", **IN_FILES)
+        self._write(folder, *related_results)
 
-    def _write(self, folder: Path, *related: Any) -> None:
+    def _write(self, folder: Path, *related_results: Any) -> None:
         """Write the further files: by default the table as CSV."""
         (name,) = (file_name for file_name in self.files.names if file_name.endswith(".csv"))
         self.table().write_csv(folder / name)

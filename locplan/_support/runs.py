@@ -16,7 +16,7 @@ from locplan._support.reading import (
     dump_yaml,
     parse_yaml,
     read_content,
-    stamp,
+    make_file_stamp,
 )
 from locplan.errors import LocplanError
 
@@ -50,7 +50,7 @@ class RunRecord:
     written: list[str] = field(default_factory=list)
     """A line for people on each of the most useful files that were written."""
 
-    def content(self, home: Path) -> dict[str, Any]:
+    def to_yaml_content(self, home: Path) -> dict[str, Any]:
         """Return the entries of run.yaml, with files relative to its folder."""
         settings = dict(self.settings)
         for name in self.files & settings.keys():
@@ -92,7 +92,7 @@ class RunRecord:
         except (KeyError, TypeError, ValueError, AttributeError):
             raise LocplanError(f"{file}: is damaged; {REMEDY}") from None
 
-    def words(self) -> list[str]:
+    def list_command_words(self) -> list[str]:
         """Return the words of the command line, without the options for output."""
         words = [self.command]
         for name, value in self.settings.items():
@@ -109,7 +109,7 @@ class RunRecord:
 
 
 @contextmanager
-def running(run: RunRecord) -> Iterator[RunRecord]:
+def record_run(run: RunRecord) -> Iterator[RunRecord]:
     """Write the run's file into the folders of results of this block."""
     _CURRENT.append(run)
     try:
@@ -120,7 +120,9 @@ def running(run: RunRecord) -> Iterator[RunRecord]:
 
 def get_command_line() -> list[str]:
     """Return the words of the running command without output options; empty in Python."""
-    return ["locplan", *_CURRENT[-1].words()] if _CURRENT and _CURRENT[-1].command else []
+    return (
+        ["locplan", *_CURRENT[-1].list_command_words()] if _CURRENT and _CURRENT[-1].command else []
+    )
 
 
 def record_map(name: str, digest: Callable[[], str]) -> None:
@@ -175,9 +177,9 @@ def format_run(home: Path, kind: str, outputs: Mapping[str, str]) -> str:
     outputs : mapping of str to str
         SHA-256 of each file by its name.
     """
-    content = stamp(KIND, VERSION)
+    content = make_file_stamp(KIND, VERSION)
     if _CURRENT and _CURRENT[-1].command:
-        content |= _CURRENT[-1].content(home)
+        content |= _CURRENT[-1].to_yaml_content(home)
     return dump_yaml({**content, "results": kind, "outputs": dict(sorted(outputs.items()))})
 
 

@@ -21,9 +21,15 @@ from numpy.typing import NDArray
 
 from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.checks import check_file_path, short_repr
-from locplan._support.files import check_target
+from locplan._support.files import check_writable_file
 from locplan._support.output import replace_file
-from locplan._support.reading import STAMP, check_file_stamp, parse_json, read_bytes, stamp
+from locplan._support.reading import (
+    STAMP,
+    check_file_stamp,
+    parse_json,
+    read_bytes,
+    make_file_stamp,
+)
 from locplan.errors import LocplanError
 
 MAX_SAVED_BYTES = 2**32
@@ -113,7 +119,7 @@ class StoredResult(EqualByValue):
                 raise ValueError("an estimator or another part is not registered by its name")
         except (LocplanError, TypeError, ValueError) as error:
             raise LocplanError(f"{file}: could not be read back: {error}") from None
-        content = {**stamp(self.kind, self.version), **tree}
+        content = {**make_file_stamp(self.kind, self.version), **tree}
         with replace_file(file) as temporary:
             if self.suffix == ".json":
                 text = json.dumps(arrays_to_lists(content), indent=1, allow_nan=False)
@@ -139,7 +145,7 @@ class StoredObject(StoredResult):
             If the file cannot be written, or its name does not end in the kind's suffix.
         """
         target = check_file_path(f"a file of a {self.kind}", path)
-        check_target(target, self.suffix)
+        check_writable_file(target, self.suffix)
         self.write(target)
 
 

@@ -88,7 +88,7 @@ def run_supervised(work: Callable[[], None], clear: Callable[[str], None]) -> in
     before = signal.pthread_sigmask(signal.SIG_BLOCK, forwarded)
     process = os.fork()
     if not process:
-        _work(work, (read_end, write_end), first, forwarded & set(WORDS), before)
+        _run_second_process(work, (read_end, write_end), first, forwarded & set(WORDS), before)
     os.close(write_end)
     received_signals: list[int] = []
 
@@ -133,7 +133,7 @@ def end_with_parent(parent: int) -> None:
             sys.exit()
 
 
-def _work(
+def _run_second_process(
     work: Callable[[], None],
     pipe: tuple[int, int],
     parent: int,

@@ -38,7 +38,7 @@ from locplan.advice.rates import (
     sort_routes,
 )
 from locplan.advice.recorded import RecordingEvidence
-from locplan.advice.settings import choose_settings, is_contradicted
+from locplan.advice.settings import choose_settings, do_recordings_contradict
 from locplan.advice.trials import (
     DrivesOnRoutes,
     FixTrial,
@@ -256,7 +256,7 @@ class FixTrials:
         """Choose AMCL's settings. At the usual level, reuse the numbers of the fixes' drives."""
 
         def drive_usual(amcl: Amcl, numbers: range) -> DriveSet:
-            return self._drive(_fixes.with_settings(self.scenario, amcl), numbers).drive_set
+            return self._drive(_fixes.with_filter_settings(self.scenario, amcl), numbers).drive_set
 
         looks = [len(self._trial_numbers)] if len(self._trial_numbers) < len(self._numbers) else []
         return choose_settings(
@@ -286,7 +286,7 @@ class FixTrials:
             [kind for kind in order if kind not in self._certain_fix_kinds],
             self._drive_with_fixes,
             self._numbers,
-            costly=[kind for kind in KINDS if kind not in CHEAP],
+            costly_kinds=[kind for kind in KINDS if kind not in CHEAP],
         )
 
     @property
@@ -412,7 +412,7 @@ class FixTrials:
         if not {FULL_RANGE, REPAIRED_MAP} & {*kinds}:
             return False
         fixed = _fixes.apply_fixes(self.fixes_by_kind, kinds, self.scenario)
-        return is_contradicted(self.scenario, fixed, self._evidence)
+        return do_recordings_contradict(self.scenario, fixed, self._evidence)
 
     def _drive_with_fixes(self, kinds: tuple[str, ...], numbers: range) -> DrivesOnRoutes:
         return self._drive(_fixes.apply_fixes(self.fixes_by_kind, kinds, self.scenario), numbers)

@@ -137,12 +137,12 @@ class Check(Result):
         )
         return Table.from_records(columns, self.fixes)
 
-    def summary(self, *related: Any, **details: Any) -> dict[str, object]:
+    def summary(self, *related_results: Any, **details: Any) -> dict[str, object]:
         """Return the result as plain data for JSON.
 
         Parameters
         ----------
-        *related, **details
+        *related_results, **details
             Arguments of `save`; ignored.
         """
         from locplan.advice.next_step import choose_next_action
@@ -184,11 +184,11 @@ class Check(Result):
                 "confirmed": self.confirmation and to_plain_data(self.confirmation),
                 "recorded": list(self.recording_sentences),
                 "settings": self.preset_choice and summarize_choice(self.preset_choice),
-                "next": choose_next_action(self, *related)._asdict(),
+                "next": choose_next_action(self, *related_results)._asdict(),
             }
         )
 
-    def list_written_files(
+    def describe_fix_files(
         self, params: Folder | str | Sequence[Folder] | None = ()
     ) -> dict[str, str]:
         """Return the purpose of each file of the recommended fixes.
@@ -211,29 +211,31 @@ class Check(Result):
         }
         return {f"{make_file_name(name)}.csv": path for name, path in new.items()}
 
-    def save(self, folder: str | os.PathLike[str], *related: Any, force: bool = False) -> None:
+    def save(
+        self, folder: str | os.PathLike[str], *related_results: Any, force: bool = False
+    ) -> None:
         """Write the report, and the files of the fixes, whole or not at all.
 
         Parameters
         ----------
         folder : path
             Folder of the results, which need not exist.
-        *related
+        *related_results
             The folder that the printed commands name, by default this one, and the user's Nav2
             parameters; the check changes a copy.
         force : bool, default False
             True overwrites files of the same names and removes results of another command. It
             keeps the user's files.
         """
-        super().save(folder, *(related or (Folder(folder),)), force=force)
+        super().save(folder, *(related_results or (Folder(folder),)), force=force)
 
-    def _write(self, folder: Folder, *related: Any) -> None:
-        from locplan.advice.files import write_files
+    def _write(self, folder: Folder, *related_results: Any) -> None:
+        from locplan.advice.files import write_fix_files
         from locplan.advice.report import write_report
 
         self.table().write_csv(folder / "check.csv")
-        write_files(folder, self, (*related, ())[1])
-        write_report(folder / "report.html", self, *related)
+        write_fix_files(folder, self, (*related_results, ())[1])
+        write_report(folder / "report.html", self, *related_results)
 
     def figure(self, *_: Any) -> Figure:
         """Draw the map with its routes, weak spots, and where drives fail.
@@ -247,19 +249,19 @@ class Check(Result):
 
         return check_figure(self)
 
-    def report(self, folder: Folder | None = None, *related: Any) -> str:
+    def report(self, folder: Folder | None = None, *related_results: Any) -> str:
         """Return the output of a check, in at most 25 lines.
 
         Parameters
         ----------
         folder : path, optional
             The folder that its files are in.
-        *related
+        *related_results
             The user's Nav2 parameters; the check changes a copy.
         """
         from locplan.advice.text import check_report
 
-        return check_report(self, folder, *related)
+        return check_report(self, folder, *related_results)
 
 
 def explain_spots(

@@ -222,5 +222,5 @@ def _compute_field_and_spots(
     field = load_or_compute(scenario.world, config, threads=threads, progress=progress)
     costs = Costmap.from_field(field, robot=scenario.robot)
     robot_filter = scenario.robot.filter
-    reach = robot_filter.reach(lidar) if isinstance(robot_filter, Amcl) else lidar.range
+    reach = robot_filter.compute_max_range(lidar) if isinstance(robot_filter, Amcl) else lidar.range
     return field, costs, find_weak_spots(costs, field, reach, scenario.paths)

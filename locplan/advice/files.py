@@ -59,7 +59,7 @@ def has_amcl_section(params: Sequence[Folder]) -> bool:
     return bool(read_parameters(*params).read_node_parameters("amcl"))
 
 
-def write_files(folder: Folder, check: Check, params: Params) -> None:
+def write_fix_files(folder: Folder, check: Check, params: Params) -> None:
     """Write the files of the recommended fixes.
 
     Parameters

@@ -89,16 +89,19 @@ def iterate_fixes(
     robot_filter = scenario.robot.filter
     if (
         isinstance(robot_filter, Amcl)
-        and robot_filter.reach(scenario.robot.known_lidar) < scenario.robot.known_lidar.range
+        and robot_filter.compute_max_range(scenario.robot.known_lidar)
+        < scenario.robot.known_lidar.range
     ):
         full_range = Amcl().laser_max_range
         yield Fix(
             *(FULL_RANGE, "full lidar range", f"laser_max_range {full_range:g}", "one parameter"),
-            lambda old: with_settings(old, replace(old.robot.amcl, laser_max_range=full_range)),
+            lambda old: with_filter_settings(
+                old, replace(old.robot.amcl, laser_max_range=full_range)
+            ),
         )
 
 
-def with_settings(scenario: Scenario, amcl: Amcl) -> Scenario:
+def with_filter_settings(scenario: Scenario, amcl: Amcl) -> Scenario:
     """Return a scenario with these settings of the filter.
 
     Parameters
@@ -123,7 +126,7 @@ def make_preset_fix(choice: PresetChoice) -> Fix | None:
         return None
     return Fix(
         *(SETTINGS, f"{choice.name} settings", choice.changes, "a parameter file"),
-        lambda old: with_settings(old, with_preset(old.robot.amcl, choice.name)),
+        lambda old: with_filter_settings(old, with_preset(old.robot.amcl, choice.name)),
         is_certain=bool(choice.recordings),
     )
 

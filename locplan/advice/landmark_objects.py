@@ -35,7 +35,7 @@ class ObjectShape(NamedTuple):
     """True for a disc."""
 
     @property
-    def reach(self) -> float:
+    def outer_radius(self) -> float:
         """Maximum distance of a point of the shape from its centre [m]."""
         return self.half_length if self.is_round else math.hypot(self.half_length, self.half_width)
 
@@ -71,7 +71,7 @@ class ObjectShape(NamedTuple):
             Distance from the shape within which all cells lie in the window [m].
         """
         row, col, heading = pose.tolist()
-        reach = math.ceil((self.reach + margin) / grid.resolution) + 1
+        reach = math.ceil((self.outer_radius + margin) / grid.resolution) + 1
         rows, cols = window = find_window(row, col, reach, grid.shape)
         y = (np.arange(rows.start, rows.stop)[:, None] + 0.5 - row) * grid.resolution
         x = (np.arange(cols.start, cols.stop) + 0.5 - col) * grid.resolution

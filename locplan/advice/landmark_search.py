@@ -230,7 +230,7 @@ def find_refusal_reasons(
     robot_space : RobotSpace
         Space of the robot next to such objects.
     routes : (m, 2) array
-        Row and column of positions along the routes [cells]; objects are `route_clearance` [m] away.
+        Row and column of positions along the routes [cells]; objects keep `route_clearance` [m].
     route_clearance : float
         Minimum distance of an object from the routes [m].
     is_no_go : (H, W) array of bool
@@ -254,7 +254,9 @@ def find_refusal_reasons(
             return "less than 5 cm from a wall or another object"
         if is_no_go[cells].any():
             return "in a no-go zone"
-        near = tree.query_ball_point((row, col), (shape.reach + route_clearance) / resolution)
+        near = tree.query_ball_point(
+            (row, col), (shape.outer_radius + route_clearance) / resolution
+        )
         y, x = (routes[near] - (row, col)).T * resolution
         if (shape.compute_distance(x, y, heading) < route_clearance).any():
             return "in the way of a route"
@@ -266,7 +268,7 @@ def find_refusal_reasons(
 def is_too_close(shape: ObjectShape, pose: Floats, other_poses: Floats, resolution: float) -> bool:
     """True if an object is closer than `OBJECT_GAP` to an existing one [cells, cells, rad]."""
     distances = np.hypot(*(other_poses[:, :2] - pose[:2]).T) * resolution
-    near = other_poses[distances < 2 * shape.reach + OBJECT_GAP]
+    near = other_poses[distances < 2 * shape.outer_radius + OBJECT_GAP]
     return any(shape.is_round or _are_boxes_close(shape, pose, other, resolution) for other in near)
 
 

@@ -44,7 +44,7 @@ class RouteViews:
     """`landmarks.Rays`: the poses and their rays, in the map's own axes."""
     routes: Ints
     """Indices at which the routes begin, and the number of all poses, (r + 1,)."""
-    sensing: Any
+    sensing_model: Any
     """`objectives.Sensing`: the information of a beam from one pose to the next."""
     motion: Any
     """`objectives.Motion`: how the covariance of the filter's pose grows on the way."""
@@ -90,7 +90,7 @@ def _make_rays(poses: Poses, shape: ObjectShape, robot: Robot, resolution: float
     from locplan.advice.kernels.landmarks import RouteRays
 
     lidar, amcl = robot.known_lidar, robot.amcl
-    reach = amcl.reach(lidar)
+    reach = amcl.compute_max_range(lidar)
     narrow = 2 * min(shape.half_length, shape.half_width)
     # Number of rays that meet the narrowest side of an object at the lidar's full range.
     round_ = min(max(MIN_RAYS, 2 * 2 * math.pi * reach / narrow), MAX_RAYS)
@@ -140,9 +140,9 @@ def _make_beam_sensing(robot: Robot, n_rays: int, resolution: float, looks: floa
     from locplan.advice.kernels.objectives import BeamSensing
 
     lidar, amcl = robot.known_lidar, robot.amcl
-    share = math.ceil(lidar.beams / amcl.beam_step(lidar.beams)) / n_rays
+    share = math.ceil(lidar.beams / amcl.compute_beam_step(lidar.beams)) / n_rays
     sigma = SIGMA * max(amcl.sigma_hit, resolution)
-    likelihood = amcl.z_hit + amcl.z_rand / amcl.reach(lidar)
+    likelihood = amcl.z_hit + amcl.z_rand / amcl.compute_max_range(lidar)
     if amcl.laser_model_type == "likelihood_field_prob":
         return BeamSensing(looks * share * amcl.z_hit / likelihood / sigma**2, 0.0)
     curvature = 3 * likelihood**2 * amcl.z_hit / sigma**2
@@ -247,7 +247,7 @@ class PlacementObjective:
             self.sums,
             route_views.rays.poses,
             route_views.routes,
-            route_views.sensing,
+            route_views.sensing_model,
             route_views.motion,
         )
         return float((after[:, XX] + after[:, YY]).mean())
@@ -261,7 +261,7 @@ class PlacementObjective:
             self.sightings,
             self.scene,
             route_views.routes,
-            route_views.sensing,
+            route_views.sensing_model,
             route_views.motion,
         )
         return np.concatenate(

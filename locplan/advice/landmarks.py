@@ -57,7 +57,7 @@ from locplan.simulation.drives import (
     RATE_COLUMNS,
     Drives,
     RateProperties,
-    check_drives,
+    check_drive_count,
     format_rates,
 )
 from locplan.simulation.simulator import Simulator
@@ -513,7 +513,7 @@ def _prepare_search(
     keep, closed = robot.radius + CLEARANCE, zones.cells(grid, "no-go")
     candidates = list_candidate_places(grid, kind.shape, routes.values(), keep)
     robots = cKDTree(map_poses_from_world(grid, np.concatenate(lines))[:, :2])
-    within = (route_views.rays.max_range + kind.shape.reach) / grid.resolution
+    within = (route_views.rays.max_range + kind.shape.outer_radius) / grid.resolution
     candidates = candidates[
         np.isfinite(robots.query(candidates[:, :2], distance_upper_bound=within)[0])
     ]
@@ -624,7 +624,7 @@ def verify_landmarks(
     ConfigError
         If a number is out of its range.
     """
-    check_drives(drives)
+    check_drive_count(drives)
     check_integer("random_sets", random_sets, 1, 1000)
     setting = landmarks.setting
     random_maps = _make_random_maps(landmarks, min(random_sets, drives // 2), seed)

@@ -29,7 +29,7 @@ from locplan.robots.amcl import Amcl
 from locplan.robots.parameters import read_parameters
 from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
-from locplan.simulation.drives import Drives, check_drives, make_rate_column
+from locplan.simulation.drives import Drives, check_drive_count, make_rate_column
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import DriveSet, compare_drives
 
@@ -129,7 +129,7 @@ class RepairedMap(Result):
         )
         return Table.from_records(columns, self.verdicts)
 
-    def _write(self, folder: FilePath, *related: object) -> None:
+    def _write(self, folder: FilePath, *related_results: object) -> None:
         self.table().write_csv(folder / "repair.csv")
         if self.n_changed:
             write_filter_map(folder, self.filter_map)
@@ -231,7 +231,7 @@ def repair(
     >>> repair(environments.make("two_corridors", resolution=0.1)).n_changed
     0
     """
-    check_drives(drives)
+    check_drive_count(drives)
     check_integer("paths", paths, 1, 1000)
     robot, map_faults = equip_robot(robot), faults(grid, source)
     map_faults.check_is_no_mask()

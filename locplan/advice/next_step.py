@@ -58,13 +58,13 @@ def choose_next_action(
         titles = " and ".join(fix.title for fix in check.recommended_fixes)
         command = shlex.join([*repeat_command, "-o", "report"])
         return NextAction(
-            f"write the files for {titles}:", command, check.list_written_files(params)
+            f"write the files for {titles}:", command, check.describe_fix_files(params)
         )
     if check.recommended and folder:
         commands = _make_commands(check, folder, repeat_command, map_file, params)
         doing = " and ".join(_list_instructions(check, folder, params))
         then = ", then check again" if "locplan check" in commands else ""
-        return NextAction(f"{doing}{then}:", commands, check.list_written_files(params))
+        return NextAction(f"{doing}{then}:", commands, check.describe_fix_files(params))
     if check.passage:
         return NextAction(*_advise_footprint_correction(check, repeat_command), {})
     return NextAction(*_advise_without_better_fix(check, repeat_command, map_file), {})

@@ -329,7 +329,10 @@ class _PresetTrial:
         last = max(len(case.looks) for case in self._base_cases)
         for n_looks in range(last if self._drives_all else 1, last + 1):
             pairs = [
-                [self._drive(settings, case, n_looks) for settings in (USER_SETTINGS, name)]
+                [
+                    self._drive_up_to_look(settings, case, n_looks)
+                    for settings in (USER_SETTINGS, name)
+                ]
                 for case in self._base_cases
             ]
             baseline, alternative = (DriveSet.join(sets) for sets in zip(*pairs, strict=True))
@@ -344,7 +347,7 @@ class _PresetTrial:
         """Simulate all settings in all cases."""
         for case in (*self._base_cases, *self._fault_cases):
             for name in self._settings:
-                self._drive(name, case)
+                self._drive_up_to_look(name, case)
 
     def find_level_objection(self, name: str) -> str:
         """Return the reason of simulated drives against a preset; empty without one."""
@@ -359,7 +362,7 @@ class _PresetTrial:
     def _find_harm(self, name: str, case: LevelCase) -> str:
         """Return the harm of a preset at a level, from as few drives as possible; or empty."""
         for n_looks in self._iterate_look_numbers(case):
-            drives = self._drive(name, case, n_looks)
+            drives = self._drive_up_to_look(name, case, n_looks)
             if drives.is_rarely_off:
                 return ""  # the user's settings need no drives
             n_drives, looks_left = len(drives.lost), len(case.looks) - n_looks
@@ -428,7 +431,7 @@ class _PresetTrial:
             recordings=tuple(recording.name for recording in self._recordings),
         )
 
-    def _drive(self, name: str, case: LevelCase, n_looks: int | None = None) -> DriveSet:
+    def _drive_up_to_look(self, name: str, case: LevelCase, n_looks: int | None = None) -> DriveSet:
         """Return the drives with some settings up to a look, by default all."""
         parts = self._drive_sets[name, case.name]
         for first, last in [*itertools.pairwise((0, *case.looks))][len(parts) : n_looks]:
@@ -448,7 +451,9 @@ class _PresetTrial:
             self._progress(len(self._drive_sets) + len(self._replays), self._n_steps)
 
     def _compare(self, name: str, case: LevelCase, n_looks: int | None = None) -> Verdict:
-        sets = (self._drive(settings, case, n_looks) for settings in (USER_SETTINGS, name))
+        sets = (
+            self._drive_up_to_look(settings, case, n_looks) for settings in (USER_SETTINGS, name)
+        )
         return compare_drives(*sets, looks_left=len(case.looks) - n_looks if n_looks else 0)
 
     def _make_result(self, name: str, case: LevelCase) -> CaseResult:

@@ -118,7 +118,7 @@ def _calibrate_robot(
 ) -> tuple[Robot, list[str]]:
     """Return the robot with a drive's errors of lidar and odometry, and sentences on them."""
 
-    def text(name: str, value: Interval, unit: str) -> str:
+    def format_noise(name: str, value: Interval, unit: str) -> str:
         return f"{name} {value.value:.3g} [{value.low:.2g}, {value.high:.2g}] {unit}"
 
     try:
@@ -138,7 +138,7 @@ def _calibrate_robot(
         ]
     changes |= noise.settings()
     sentences.append(
-        f"odometry as recorded: {text('drift', noise.distance_drift, 'm/√m')},"
-        f" {text('heading', noise.heading_drift_deg, 'deg/√m')}"
+        f"odometry as recorded: {format_noise('drift', noise.distance_drift, 'm/√m')},"
+        f" {format_noise('heading', noise.heading_drift_deg, 'deg/√m')}"
     )
     return replace(robot.with_settings(changes), filter=robot.filter), sentences

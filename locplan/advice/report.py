@@ -79,7 +79,7 @@ def compute_bar_percentages(rate: Interval) -> dict[str, float]:
     return {"value": value, "low": low, "width": high - low}
 
 
-def write_report(path: Path, check: Check, *related: Any) -> None:
+def write_report(path: Path, check: Check, *related_results: Any) -> None:
     """Write the report, whole or not at all.
 
     Parameters
@@ -88,7 +88,7 @@ def write_report(path: Path, check: Check, *related: Any) -> None:
         The file.
     check : Check
         The check.
-    *related
+    *related_results
         The folder of the files and the user's parameters, see `choose_next_action`.
     """
     environment = load_templates("locplan.advice", autoescape=True, lstrip_blocks=True)
@@ -108,7 +108,7 @@ def write_report(path: Path, check: Check, *related: Any) -> None:
         settings=settings_sentences(check),
         remaining=describe_remaining_failures(check),
         caption=caption_text(check),
-        action=choose_next_action(check, *related),
+        action=choose_next_action(check, *related_results),
         drawing=(drawing := MapDrawing.from_map(check.scenario.world)),
         labels=place_labels(check, drawing.label_size),
         lost=[xy for route in check.routes for xy in drawing.convert_to_drawing(route.lost_at)],

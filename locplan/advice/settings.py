@@ -71,7 +71,7 @@ def choose_settings(
     )
 
 
-def is_contradicted(
+def do_recordings_contradict(
     scenario: Scenario, fixed_scenario: Scenario, evidence: RecordingEvidence
 ) -> bool:
     """True if a fixed filter loses a recorded drive that the baseline's filter tracks.

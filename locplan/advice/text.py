@@ -209,7 +209,7 @@ def _format_change(verdict: str, ratio: Interval) -> str:
     return f"-{100 * (1 - ratio.value):.0f} %" if ratio.value < 1 else "fewer lost"
 
 
-def check_report(check: Check, folder: Folder | None = None, *related: Any) -> str:
+def check_report(check: Check, folder: Folder | None = None, *related_results: Any) -> str:
     """Return the output of a check, in at most 25 lines.
 
     Parameters
@@ -218,10 +218,10 @@ def check_report(check: Check, folder: Folder | None = None, *related: Any) -> s
         The check.
     folder : path, optional
         The folder that its files are in.
-    *related
+    *related_results
         See `choose_next_action`.
     """
-    action = choose_next_action(check, folder, *related)
+    action = choose_next_action(check, folder, *related_results)
     last = wrap_lines([f"Next: {action.sentence}" if action.command else action.sentence])
     last += [f"  {line}" for line in action.command.splitlines()]
     first = wrap_lines([*headline_sentences(check), *_list_remarks(check)])

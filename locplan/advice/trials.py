@@ -195,7 +195,7 @@ def select_fixes(
     ranked_kinds: Sequence[str],
     drive: DriveFixes,
     selection_numbers: range,
-    costly: Sequence[str] = (),
+    costly_kinds: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """Select fixes to combine until neither lost drives nor the error fall further.
 
@@ -209,11 +209,11 @@ def select_fixes(
         Drives with fixes of some kinds.
     selection_numbers : range
         Numbers of the drives that select the fixes.
-    costly : sequence of str, default ()
+    costly_kinds : sequence of str, default ()
         Kinds that must reduce lost drives; a lower error does not justify them.
     """
     kinds = certain_kinds or tuple(ranked_kinds[:1])
-    while kind := _find_next_fix(kinds, ranked_kinds, drive, selection_numbers, costly):
+    while kind := _find_next_fix(kinds, ranked_kinds, drive, selection_numbers, costly_kinds):
         kinds = (*kinds, kind)
     for kind in [kind for kind in kinds if kind not in certain_kinds]:
         reduced = tuple(other for other in kinds if other != kind)

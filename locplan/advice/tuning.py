@@ -54,7 +54,7 @@ from locplan.simulation.amcl_parameters import (
     write_tuned_parameters,
 )
 from locplan.simulation.driver import drive_open
-from locplan.simulation.drives import check_drives
+from locplan.simulation.drives import check_drive_count
 from locplan.simulation.levels import LEVELS, NO_FAULT, Level, select_affected_paths, select_levels
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import DriveSet
@@ -163,15 +163,15 @@ class Tuning(Result):
 
         return tuning_figure(self)
 
-    def _write(self, folder: FilePath, *related: Any) -> None:
-        write_tuned_parameters(folder / "nav2_params.yaml", self.winner, *related)
+    def _write(self, folder: FilePath, *related_results: Any) -> None:
+        write_tuned_parameters(folder / "nav2_params.yaml", self.winner, *related_results)
 
-    def summary(self, *related: Any, **details: Any) -> dict[str, object]:
+    def summary(self, *related_results: Any, **details: Any) -> dict[str, object]:
         """Return the result as plain data for JSON.
 
         Parameters
         ----------
-        *related, **details
+        *related_results, **details
             Arguments of `save`; ignored.
         """
         maps = [{"name": grid.name, "digest": grid.digest} for grid in self.grids]
@@ -207,14 +207,14 @@ def tuning_report(tuning: Tuning) -> str:
     recorded = f" on {tuning.recording}" if tuning.recording else ""
     hint = choice.advise_recording(get_command_line() or ["locplan", "tune", "MAP"])
     lines = [
-        *(_wrap(f"note: {note}") for note in tuning.notes),
-        _wrap(f"{tuning.conclusion}."),
-        *([_wrap(hint)] if hint else []),
-        _wrap(PRESET_MEANINGS),
+        *(_wrap_text(f"note: {note}") for note in tuning.notes),
+        _wrap_text(f"{tuning.conclusion}."),
+        *([_wrap_text(hint)] if hint else []),
+        _wrap_text(PRESET_MEANINGS),
         "",
         str(tuning.table()),
-        _wrap(choice.describe_table(tuning.seed)),
-        *(_wrap(f"{text[:1].upper()}{text[1:]}.") for text in _list_minor_objections(tuning)),
+        _wrap_text(choice.describe_table(tuning.seed)),
+        *(_wrap_text(f"{text[:1].upper()}{text[1:]}.") for text in _list_minor_objections(tuning)),
         "",
         f"{tuning.robot.known_lidar.title}: {tuning.beam_count}{recorded}",
         *(f"warning: {warning}" for warning in tuning.warnings),
@@ -223,7 +223,7 @@ def tuning_report(tuning: Tuning) -> str:
         lines.append("Your file is unchanged. To undo, use it again.")
     elif tuning.recording:
         lines.append(
-            _wrap(
+            _wrap_text(
                 f"No preset kept AMCL localized on your drive: keep {USER_SETTINGS}. Check the fit"
                 " of the map and the drift of odometry: locplan recording FILE MAP"
             )
@@ -236,7 +236,7 @@ def _list_minor_objections(tuning: Tuning) -> list[str]:
     return [*tuning.choice.objections.values()] if tuning.choice.is_preset else []
 
 
-def _wrap(text: str) -> str:
+def _wrap_text(text: str) -> str:
     return textwrap.fill(text, REPORT_WIDTH, break_on_hyphens=False)
 
 
@@ -358,12 +358,12 @@ def cut_path(path: Path, fraction: float) -> Path:
     first, last = fraction * spare, fraction * spare + LONGEST
     inner = (path.distance > first) & (path.distance < last)
 
-    def cut(values: Floats) -> Floats:
+    def cut_values(values: Floats) -> Floats:
         ends = np.interp([first, last], path.distance, values)
         return np.concatenate([ends[:1], values[inner], ends[1:]])
 
-    heading = None if path.heading is None else cut(np.unwrap(path.heading))
-    return Path(np.column_stack([cut(values) for values in path.xy.T]), heading)
+    heading = None if path.heading is None else cut_values(np.unwrap(path.heading))
+    return Path(np.column_stack([cut_values(values) for values in path.xy.T]), heading)
 
 
 PATHS, DRIVES = 16, 4
@@ -444,7 +444,7 @@ def tune(
         check_grid(map_grid)
     check_single_map(filter_map, grids)
     check_integer("paths", paths, FEWEST_PATHS, 1000)
-    check_drives(drives)
+    check_drive_count(drives)
     simulators = [
         Simulator(map_grid, robot, filter_map=filter_map, seed=seed, threads=threads)
         for map_grid in grids
@@ -603,7 +603,7 @@ def tune_on_drive(
             f" {len(grids)}"
         )
     check_single_map(filter_map, grids)
-    check_drives(drives)
+    check_drive_count(drives)
     check_integer("seed", seed, 0)
     check_threads(threads)
     names = [drive.source.file or "the drive" for drive in recordings]

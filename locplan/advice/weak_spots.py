@@ -565,7 +565,7 @@ def _find_large_enough_areas(
 
 
 def _make_spot(
-    area: DegenerateArea, grid: OccupancyGrid, reach: float, lines: Mapping[str, Floats]
+    area: DegenerateArea, grid: OccupancyGrid, lidar_range: float, lines: Mapping[str, Floats]
 ) -> WeakSpot:
     direction = area.direction % math.pi
     along = np.array([math.cos(direction), math.sin(direction)])
@@ -581,8 +581,8 @@ def _make_spot(
     degrees = round(math.degrees(direction)) % 180
     axis = {0: "x", 9: "y", 18: "x"}.get(round(degrees / 10), f"{degrees} deg")
     missing = f"no features along {axis}"
-    if compute_visible_share(grid, (x, y), reach) < 0.35:  # of the directions
-        missing = f"few walls within {reach:g} m"
+    if compute_visible_share(grid, (x, y), lidar_range) < 0.35:  # of the directions
+        missing = f"few walls within {lidar_range:g} m"
     elif turns:
         missing = NO_HEADING
     elif not area.has_common_direction:

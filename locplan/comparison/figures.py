@@ -187,7 +187,7 @@ def scene_figure(scene: QueryScene) -> Figure:
     widths = np.linspace(4.4, 1.6, max(len(paths), 2)).tolist()
     for n, ((name, path), width) in enumerate(zip(paths.items(), widths, strict=False)):
         color, dashes = COLOURS[n % len(COLOURS)], DASHES[n % len(DASHES)]
-        effects = styles.outline(width + 1.4)
+        effects = styles.make_white_outline(width + 1.4)
         draw_path(axes, path, linewidth=width, path_effects=effects, color=color, linestyle=dashes)
         text = make_printable(f"{name}, J {scene.runs[name].measures['cost']:.1f} m")
         handles.append(Line2D([], [], linewidth=2.2, label=text, color=color, linestyle=dashes))

@@ -57,7 +57,7 @@ class RunJournal:
             self._file = self.path.open("a+", encoding="ascii")
         try:
             self._lock()
-            self._read(force)
+            self._read_runs(force)
         except BaseException:
             with suppress(OSError):
                 self._file.close()
@@ -87,7 +87,7 @@ class RunJournal:
         self._append_line(nan_to_none(asdict(run)))
         self.runs[run.task] = run
 
-    def _read(self, force: bool) -> None:
+    def _read_runs(self, force: bool) -> None:
         """Read the runs of the file, except an incomplete last line."""
         self._file.seek(0)
         try:

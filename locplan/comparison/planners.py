@@ -129,12 +129,12 @@ class PlannerSpec:
         limit = find_changed_options(self.planner).get("time_limit")
         return None if limit is None else float(limit)
 
-    def seeds(self, seeds: Sequence[int]) -> tuple[int, ...]:
+    def select_seeds(self, seeds: Sequence[int]) -> tuple[int, ...]:
         """Return the seeds to run the planner with: its option, or 0 if it takes none.
 
         Parameters
         ----------
-        seeds : sequence of int
+        select_seeds : sequence of int
             Seeds of the comparison, 1 to 2^32 - 1.
         """
         planner_seed = find_changed_options(self.planner).get("seed")
@@ -255,12 +255,12 @@ def _parse_spec(text: str) -> PlannerSpec:
     return PlannerSpec(f"{name}:{squeezed}" if parts else name, planner)
 
 
-def parse_options(text: str, options_text: str) -> dict[str, Any]:
+def parse_options(planner_text: str, options_text: str) -> dict[str, Any]:
     """Return the options of a planner from the text NAME=VALUE,NAME=VALUE.
 
     Parameters
     ----------
-    text : str
+    planner_text : str
         The planner as it was typed, for errors.
     options_text : str
         The options.
@@ -270,12 +270,12 @@ def parse_options(text: str, options_text: str) -> dict[str, Any]:
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals and value):
             raise ConfigError(
-                f"planner {short_repr(text)}: {short_repr(part)} must be NAME=VALUE, such as"
+                f"planner {short_repr(planner_text)}: {short_repr(part)} must be NAME=VALUE, such as"
                 " time_limit=2"
             )
         if name.partition(".")[0] == "settings":
             raise ConfigError(
-                f"planner {short_repr(text)}: write OMPL's settings by their names, such as range=2"
+                f"planner {short_repr(planner_text)}: write OMPL's settings by their names, such as range=2"
             )
         options[name] = _parse_value(value)
     return options

@@ -92,7 +92,7 @@ def _format_title(rows: list[PlannerStanding]) -> str:
         return f"{names} {'beats' if len(cheaper) == 1 else 'beat'} {baseline}"
     if not rival_rows:
         return f"Only {baseline} was run"
-    if not any(row.cost.is_sure for row in rival_rows):
+    if not any(row.cost.has_interval for row in rival_rows):
         return "Too few queries for a verdict"
     return f"No planner beats {baseline}"
 
@@ -127,10 +127,12 @@ def _make_image_url(figure: Any) -> str:
 def group_failures(comparison: Comparison) -> list[list[PlannerRun]]:
     """Return the runs without a path, grouped by kind of failure, most frequent first."""
 
-    def kind(run: PlannerRun) -> tuple[str, ...]:
+    def get_failure_kind(run: PlannerRun) -> tuple[str, ...]:
         return run.status, run.task.planner, run.task.map, run.note
 
-    groups = group_records((run for run in comparison.runs if run.status != "solved"), kind)
+    groups = group_records(
+        (run for run in comparison.runs if run.status != "solved"), get_failure_kind
+    )
     return sorted(groups.values(), key=len, reverse=True)
 
 

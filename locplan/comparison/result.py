@@ -105,7 +105,7 @@ class PlannerStanding:
     def verdict(self) -> str:
         """ "cheaper" or "costlier" if J differs significantly from the baseline's, or empty."""
         _, low, high = self.cost.estimate
-        if not self.cost.is_sure or self.summary.planner == self.cost.baseline:
+        if not self.cost.has_interval or self.summary.planner == self.cost.baseline:
             return ""
         return "cheaper" if high < 1 - 1e-6 else "costlier" if low > 1 + 1e-6 else ""
 
@@ -306,14 +306,14 @@ class Comparison(Result):
             "contrasts": [_statistics_to_plain_data(contrast) for contrast in self.contrasts()],
         }
 
-    def write_files(self, folder: Path, *related: Any) -> None:
+    def write_files(self, folder: Path, *related_results: Any) -> None:
         """Write the report, the tables and OMPL's logs into an existing folder.
 
         Parameters
         ----------
         folder : path
             The folder.
-        *related
+        *related_results
             Not used.
         """
         from locplan.comparison.report import write_comparison_report

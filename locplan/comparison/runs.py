@@ -63,7 +63,7 @@ def make_jobs(
     for weight, query, (planner_index, spec) in itertools.product(
         weights, case.queries, enumerate(specs)
     ):
-        for seed in spec.seeds(seeds):
+        for seed in spec.select_seeds(seeds):
             task = RunTask(case.map, case.config, query.name, weight, spec.label, int(seed))
             yield PlannerJob(task, costmap_folder, query.start, query.goal, planner_index)
 
@@ -125,7 +125,7 @@ def _sort_longest_first(
 ) -> list[PlannerJob]:
     """Sort jobs by costmap, then long ones first, so that workers finish at similar times."""
 
-    def limit(job: PlannerJob) -> float:
+    def get_time_limit(job: PlannerJob) -> float:
         spec = specs[job.planner]
         unknown = math.inf if spec.is_user_planner else 0.0
         return unknown if spec.time_limit is None else spec.time_limit
@@ -134,7 +134,7 @@ def _sort_longest_first(
     return [
         job
         for costmap_jobs in groups.values()
-        for job in sorted(costmap_jobs, key=limit, reverse=True)
+        for job in sorted(costmap_jobs, key=get_time_limit, reverse=True)
     ]
 
 

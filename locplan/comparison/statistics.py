@@ -318,7 +318,7 @@ class PlannerContrast:
         return self.planner_quartiles.n_values
 
     @property
-    def is_sure(self) -> bool:
+    def has_interval(self) -> bool:
         """True if there are enough queries for an interval."""
         return self.pairs >= MIN_QUERIES and bool(np.isfinite(self.estimate).all())
 

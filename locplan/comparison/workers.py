@@ -216,10 +216,10 @@ class _WorkerProcess:
             with suppress(OSError):  # closing flushes data that the process did not read
                 pipe.close()
 
-    def _describe_failure(self, limit: float) -> tuple[str, str]:
+    def _describe_failure(self, time_limit: float) -> tuple[str, str]:
         """Return status and note of a run without an answer."""
         if self._is_overdue:
-            return "hung", f"was ended without an answer after {limit:g} s"
+            return "hung", f"was ended without an answer after {time_limit:g} s"
         try:
             code = self._process.wait(1.0)
         except subprocess.TimeoutExpired:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from locplan._support.checks import check_choice
-from locplan._support.files import PICTURES, check_target
+from locplan._support.files import PICTURES, check_writable_file
 from locplan._support.output import ResultOutput, strip_staging_folder
 from locplan._support.progress import show_spinner
 from locplan._support.saved import to_plain_data
@@ -52,7 +52,7 @@ class FieldJob:
             return
         if self.folder:
             return self.folder.check()
-        check_target(self.output, *([] if self.scalar else [FIELD_SUFFIX]), *PICTURES)
+        check_writable_file(self.output, *([] if self.scalar else [FIELD_SUFFIX]), *PICTURES)
         self._make_output(self.output).check()
 
     def _make_output(self, file: Path) -> ResultOutput:

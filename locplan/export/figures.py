@@ -40,7 +40,7 @@ def values_figure(
     values: NDArray[Any],
     label: str,
     title: str,
-    falling: bool = False,
+    is_falling: bool = False,
     zones: Zones | None = None,
 ) -> Figure:
     """Draw the values of a mask over its map.
@@ -55,7 +55,7 @@ def values_figure(
         Label of the values, with their unit.
     title : str
         Title of the figure.
-    falling : bool, default False
+    is_falling : bool, default False
         Whether the colour bar shows 100 minus the value, such as the remaining speed.
     zones : Zones, optional
         The zones to draw.
@@ -73,7 +73,7 @@ def values_figure(
         )
         image = draw_cells(axes, grid, masked_values, cmap=FIELD_COLOURS, norm=norm)
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
-        if falling:
+        if is_falling:
             bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 - value:.0f}"))
     if zones and (handles := draw_zones(axes, zones, grid)):
         figure.key(handles, ncols=3)

@@ -52,9 +52,9 @@ class LineCosts:
 
     def compute_costs(self, xy: Positions, pairs: Pairs) -> Floats:
         """Return J of the lines between pairs of positions [m]; infinite through blocked cells."""
-        from locplan.export.kernels.route import line_costs
+        from locplan.export.kernels.route import integrate_line_costs
 
-        blocked_length = line_costs(self.blocked, *self.frame, xy, pairs)
+        blocked_length = integrate_line_costs(self.blocked, *self.frame, xy, pairs)
         # A twentieth of a cell is tolerated: planned paths touch the corners of blocked cells, and
         # Nav2 stores positions in single precision.
         max_blocked = 0.05
@@ -67,22 +67,22 @@ class LineCosts:
             end_pairs = np.arange(2 * len(blocked_lines)).reshape(-1, 2)
             for shifted_ends in (ends - side_steps[:, None], ends + side_steps[:, None]):
                 shifted_lines = shifted_ends.reshape(-1, 2), end_pairs
-                shifted_costs = line_costs(self.blocked, *self.frame, *shifted_lines)
+                shifted_costs = integrate_line_costs(self.blocked, *self.frame, *shifted_lines)
                 blocked_length[blocked_lines] = np.minimum(
                     blocked_length[blocked_lines], shifted_costs
                 )
-        price = line_costs(self.price, *self.frame, xy, pairs)
+        price = integrate_line_costs(self.price, *self.frame, xy, pairs)
         return np.where(blocked_length <= max_blocked, price * self.resolution, np.inf)
 
     def integrate_layer(self, layer: Floats, xy: Positions, pairs: Pairs) -> Floats:
         """Return the integral of a layer along lines between positions; NaN without a layer."""
         from locplan._support.kernels.search import make_bordered_half_density
-        from locplan.export.kernels.route import line_costs
+        from locplan.export.kernels.route import integrate_line_costs
 
         if np.isnan(layer).all():
             return np.full(len(pairs), np.nan)
         half = make_bordered_half_density(np.nan_to_num(layer), 1)
-        return np.asarray(line_costs(half, *self.frame, xy, pairs)) * self.resolution
+        return np.asarray(integrate_line_costs(half, *self.frame, xy, pairs)) * self.resolution
 
     def compute_polyline_costs(self, xy: Positions) -> Floats:
         """Return J of the lines from each position to the next [m]."""

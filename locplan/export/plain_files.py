@@ -9,7 +9,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from locplan import __version__
-from locplan._support.files import check_target
+from locplan._support.files import check_writable_file
 from locplan._support.output import replace_file
 from locplan._support.tables import write_csv
 from locplan.export.registry import DEFAULT_FRAME
@@ -52,7 +52,7 @@ def write_path_file(
         If the suffix is unknown, or the file cannot be written.
     """
     file = FilePath(path)
-    check_target(file, *PATH_SUFFIXES)
+    check_writable_file(file, *PATH_SUFFIXES)
     if step is not None:
         route = route.resample(step)
     poses = np.column_stack([route.xy, route.facing, route.distance])
@@ -63,8 +63,8 @@ def write_path_file(
         return
     if suffix == ".json":
         rows = [dict(zip(names, pose, strict=True)) for pose in poses.tolist()]
-        content = {"locplan": __version__, "frame": frame, "length": route.length, "poses": rows}
-        text = json.dumps(content, indent=1)
+        route_data = {"locplan": __version__, "frame": frame, "length": route.length, "poses": rows}
+        text = json.dumps(route_data, indent=1)
     elif suffix == ".geojson":
         text = json.dumps(route.to_geojson(frame=frame))
     else:  # YAML with a pose per line, each in JSON

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from locplan._support.files import check_target
+from locplan._support.files import check_writable_file
 from locplan._support.output import ResultOutput
 from locplan._support.public import load_templates
 from locplan.errors import ConfigError
@@ -233,7 +233,7 @@ class ExportFormat:
             True overwrites files of the same names.
         """
         if self.suffixes:
-            check_target(target, *self.suffixes)
+            check_writable_file(target, *self.suffixes)
         self._output(target, force=force).check()
 
     def export(self, target: Path, job: ExportJob, options: Any) -> ExportSummary:

@@ -53,9 +53,9 @@ class UserGraph:
     """Id of each node."""
     nodes: Floats
     """Position of each node, (n, 2) [m]."""
-    edges: tuple[int, ...]
+    edge_feature_indices: tuple[int, ...]
     """Index of each edge in the features of the document."""
-    pairs: Ints
+    edge_nodes: Ints
     """Indices of the nodes where each edge starts and ends, (m, 2)."""
 
     @classmethod
@@ -100,23 +100,28 @@ class UserGraph:
             document,
             node_ids=tuple(nodes),
             nodes=np.array([*nodes.values()]),
-            edges=tuple(place for place, _ in edges.values()),
-            pairs=np.array([pair for _, pair in edges.values()]),
+            edge_feature_indices=tuple(place for place, _ in edges.values()),
+            edge_nodes=np.array([pair for _, pair in edges.values()]),
         )
 
     @property
     def edge_ids(self) -> list[int]:
         """Id of each edge."""
-        return [self.document["features"][place]["properties"]["id"] for place in self.edges]
+        return [
+            self.document["features"][place]["properties"]["id"]
+            for place in self.edge_feature_indices
+        ]
 
-    def with_costs(self, costs: Floats, *, set_cost: bool) -> dict[str, Any]:
+    def document_with_edge_costs(
+        self, edge_costs: Floats, *, also_sets_cost: bool
+    ) -> dict[str, Any]:
         """Return the document with costs (m,) added to the edges."""
         features = list(self.document["features"])
-        for place, cost in zip(self.edges, costs.tolist(), strict=True):
+        for place, cost in zip(self.edge_feature_indices, edge_costs.tolist(), strict=True):
             properties = dict(features[place]["properties"])
             # An integer would be read with another type, and the scorer would throw.
             properties["metadata"] = {**(properties.get("metadata") or {}), COST_TAG: cost}
-            if set_cost:
+            if also_sets_cost:
                 properties["cost"] = cost
             features[place] = {**features[place], "properties": properties}
         return {**self.document, "features": features}
@@ -139,7 +144,7 @@ def annotate_graph(
         MultiLineString) with id, startid and endid, from SWAGGER, Nav2's route tool or by hand.
     frame : str, default "map"
         Frame of the map and of the nodes.
-    set_cost : bool, default False
+    also_sets_cost : bool, default False
         True also writes J as the edge's ``cost``. Nav2 reads it for edges with ``overridable:
         false``, and for all edges if the server has no scorers.
 
@@ -164,12 +169,12 @@ def annotate_graph(
     """
     unturned = drop_costmap_yaw(costs)
     user_graph = UserGraph.from_document(graph, frame)
-    measured, _ = measure_graph(user_graph, unturned, set_cost=set_cost)
-    return user_graph.with_costs(measured.cost, set_cost=set_cost)
+    measured, _ = measure_graph(user_graph, unturned, also_sets_cost=set_cost)
+    return user_graph.document_with_edge_costs(measured.cost, also_sets_cost=set_cost)
 
 
 def measure_graph(
-    graph: UserGraph, costs: Costmap, *, set_cost: bool
+    graph: UserGraph, costs: Costmap, *, also_sets_cost: bool
 ) -> tuple[RouteGraph, list[int]]:
     """Return the graph with lengths and costs, and the ids of edges that are too narrow.
 
@@ -185,22 +190,26 @@ def measure_graph(
             " remove them"
         )
     lines, walls = LineCosts(costs), LineCosts(Costmap.blank(grid, robot=0.0))
-    through = np.flatnonzero(~np.isfinite(walls.compute_costs(graph.nodes, graph.pairs)))
+    through = np.flatnonzero(~np.isfinite(walls.compute_costs(graph.nodes, graph.edge_nodes)))
     if len(through):
         raise ConfigError(
             f"walls or unknown space on {_format_ids('edge', [ids[n] for n in through])}; move the"
             " nodes, or remove the edges"
         )
-    length = np.hypot(*(graph.nodes[graph.pairs[:, 0]] - graph.nodes[graph.pairs[:, 1]]).T)
-    if set_cost and not length.all():
+    length = np.hypot(
+        *(graph.nodes[graph.edge_nodes[:, 0]] - graph.nodes[graph.edge_nodes[:, 1]]).T
+    )
+    if also_sets_cost and not length.all():
         raise ConfigError(
             f"{_format_ids('edge', [ids[n] for n in np.flatnonzero(length == 0)])} without a"
             " length, and Nav2 rejects a cost of 0; remove them, or do not use --set-cost"
         )
-    near = ~np.isfinite(lines.compute_costs(graph.nodes, graph.pairs))
-    cost = np.maximum(lines.integrate_layer(lines.density, graph.nodes, graph.pairs), length)
-    e, u = (lines.integrate_layer(layer, graph.nodes, graph.pairs) for layer in (costs.e, costs.u))
-    measured = RouteGraph(graph.nodes, graph.pairs, length, cost, e, u)
+    near = ~np.isfinite(lines.compute_costs(graph.nodes, graph.edge_nodes))
+    cost = np.maximum(lines.integrate_layer(lines.density, graph.nodes, graph.edge_nodes), length)
+    e, u = (
+        lines.integrate_layer(layer, graph.nodes, graph.edge_nodes) for layer in (costs.e, costs.u)
+    )
+    measured = RouteGraph(graph.nodes, graph.edge_nodes, length, cost, e, u)
     return measured, [ids[n] for n in np.flatnonzero(near)]
 
 
@@ -237,16 +246,16 @@ def nav2_graph(
     robot = Nav2Robot.from_files(params, distro)
     unturned = drop_costmap_yaw(costs)
     try:
-        measured, near = measure_graph(user_graph, unturned, set_cost=set_cost)
+        measured, near = measure_graph(user_graph, unturned, also_sets_cost=set_cost)
     except ConfigError as error:
         raise ConfigError(f"{graph}: {error}") from None
     features = user_graph.document["features"]
     fixed = [
         features[place]["properties"]["id"]
-        for place in user_graph.edges
+        for place in user_graph.edge_feature_indices
         if not set_cost and features[place]["properties"].get("overridable") is False
     ]
-    values = {"nodes": len(user_graph.nodes), "edges": len(user_graph.edges)}
+    values = {"nodes": len(user_graph.nodes), "edges": len(user_graph.edge_feature_indices)}
     metadata = {"kind": "nav2-routes", "distro": distro, "set_cost": set_cost} | summarize_costs(
         costs
     )
@@ -262,11 +271,11 @@ def nav2_graph(
         "ends": user_graph.node_ids[:2],
         "set_cost": set_cost,
     }
-    template_values |= {"edges": len(user_graph.edges), "fixed": fixed}
+    template_values |= {"edges": len(user_graph.edge_feature_indices), "fixed": fixed}
     with create_export_folder(
         folder, "nav2-graph.md", metadata, template_values, force=force
     ) as temporary:
-        document = user_graph.with_costs(measured.cost, set_cost=set_cost)
+        document = user_graph.document_with_edge_costs(measured.cost, also_sets_cost=set_cost)
         write_graph(temporary, document, SCORERS, robot, Path(folder))
         save_graph_preview(temporary, unturned, measured, f"{name}: {Path(graph).name}")
     rows = [("nodes, edges", f"{values['nodes']:,}, {values['edges']:,}")]

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from locplan._support.checks import check_instance, check_positive, setting
+from locplan._support.checks import check_instance, check_positive, checked_setting
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
 from locplan.field.estimator import Estimator
 from locplan.field.search_window import OffsetLattice, SearchWindow
@@ -39,19 +39,19 @@ class LidarEstimator(Estimator):
     By default 1.5 m in steps of 0.1 m, and 4 deg in steps of 1 deg, which ranks the uncertainty of
     real lasers best.
     """
-    sigma_hit: float = setting(0.1, check_positive, "m")
+    sigma_hit: float = checked_setting(0.1, check_positive, "m")
     """Standard deviation of the distance of a beam's end from a wall [m], above 0.
 
     At least a cell counts. More suits a map that is drawn roughly, and makes covariances larger.
     """
-    effective_beams: float = setting(12.6, check_positive, "beams")
+    effective_beams: float = checked_setting(12.6, check_positive, "beams")
     """Number of independent beams as informative as all beams in half a turn, above 0.
 
     It grows with the field of view: a lidar that sees all round has twice as many. Errors of
     neighbouring beams are correlated; the default is fitted to real lasers with a field of view of
     half a turn. Covariances shrink as it grows. Fewer beams than these count as independent.
     """
-    max_beams: int = setting(180)
+    max_beams: int = checked_setting(180)
     """Maximum number of beams in half a turn that count, >= 1; fewer are faster.
 
     It also grows with the field of view. An odd number counts as the even one below it.
@@ -81,7 +81,7 @@ class LidarEstimator(Estimator):
         return {
             **super().identity(),
             "lidar": {name: getattr(self.lidar, name) for name in (*view, *mount)},
-            "effective_beams": self.temperature * 180 / self._beams.pitch_deg,
+            "effective_beams": self.temperature * 180 / self._compared_beams.pitch_deg,
             "max_beams": self.beams_compared,
         }
 
@@ -96,19 +96,19 @@ class LidarEstimator(Estimator):
         return max(self.sigma_hit, resolution)
 
     @cached_property
-    def _beams(self) -> ComparedBeams:
+    def _compared_beams(self) -> ComparedBeams:
         """The beams that count."""
         return ComparedBeams.from_lidar(self.lidar, self.max_beams)
 
     @property
     def beams_compared(self) -> int:
         """Number of beams that count."""
-        return len(self._beams.places)
+        return len(self._compared_beams.places)
 
     @property
     def nearest_beam_indices(self) -> Ints:
         """Indices of a real lidar's beams that are nearest to the simulated ones, (n,)."""
-        return self._beams.find_nearest_beam_indices(self.lidar)
+        return self._compared_beams.find_nearest_beam_indices(self.lidar)
 
     @property
     def temperature(self) -> float:
@@ -116,7 +116,7 @@ class LidarEstimator(Estimator):
 
         It is the same for all fields of view, so that each further beam adds information.
         """
-        return min(1.0, self.effective_beams * self._beams.pitch_deg / 180)
+        return min(1.0, self.effective_beams * self._compared_beams.pitch_deg / 180)
 
     @property
     def reach(self) -> float:
@@ -136,9 +136,9 @@ class LidarEstimator(Estimator):
         """Default number of headings: 1 if the lidar sees the same at all of them, otherwise 8."""
         return 1 if self.lidar.is_heading_independent else 8
 
-    def beams(self) -> Any:
+    def make_kernel_lidar(self) -> Any:
         """Return the simulated lidar with the beams that count, as the kernels take it."""
-        angles, yaw = self._beams.compute_angles_and_yaw(self.lidar)
+        angles, yaw = self._compared_beams.compute_angles_and_yaw(self.lidar)
         return self.lidar.to_kernel_settings()._replace(angles=angles, yaw=yaw)
 
 

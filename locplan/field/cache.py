@@ -88,7 +88,7 @@ def load_or_compute_result(
     save: Callable[[Path, T], None],
     *,
     cache_dir: str | os.PathLike[str] | None = None,
-    waiting: Callable[[Path], None] | None = None,
+    on_waiting: Callable[[Path], None] | None = None,
 ) -> T:
     """Load a result from the cache, or compute it and save it there.
 
@@ -109,7 +109,7 @@ def load_or_compute_result(
         Writes the result to a file.
     cache_dir : path, optional
         See `cache_folder`.
-    waiting : callable, optional
+    on_waiting : callable, optional
         Function that is called with the folder of parts while another process computes.
     """
     limit, path = cache_limit(), cache_folder(cache_dir) / f"{key}{RESULT}"
@@ -119,7 +119,7 @@ def load_or_compute_result(
         with suppress(LocplanError):
             result = load(path)
     if result is None:
-        with _hold_lock(path, lambda: waiting(parts) if waiting else None) as writable:
+        with _hold_lock(path, lambda: on_waiting(parts) if on_waiting else None) as writable:
             if os.path.lexists(path):
                 try:
                     result = load(path)  # another process may have computed it meanwhile

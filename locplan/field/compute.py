@@ -106,7 +106,7 @@ def compute_chunks(
                 points = i + chunk[0].start, j + chunk[1].start
                 part = make_map_part(grid, config, points, prepared)
                 with _translate_executor_errors(executor):
-                    tile = pool.submit(compute, tiles.ENGINE, estimator, part)
+                    tile = pool.submit(compute_tile, tiles.ENGINE, estimator, part)
                 running[tile] = chunk, points, part
             if not running:
                 break
@@ -133,7 +133,7 @@ def compute_chunks(
             pool.shutdown(cancel_futures=True)
 
 
-def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
+def compute_tile(engine: int, estimator: Estimator, part: MapPart) -> Values:
     """Compute the values of a tile, on a worker that must have the same engine."""
     if engine != tiles.ENGINE:
         engine_text = f"engine {tiles.ENGINE}, not {engine}"

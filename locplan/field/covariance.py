@@ -231,12 +231,14 @@ def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octe
         Levels of the whole map.
     """
     halo = read_halo(estimator, part.resolution, part.map_shape)
-    for at in np.unique(np.linspace(0, len(part.rows) - 1, 3).astype(int)):
-        recomputed = estimator.covariances(_isolate_cell(estimator, part, at, halo, levels))
-        if not all(_are_close(recomputed[name][0], array[at]) for name, array in values.items()):
+    for cell_index in np.unique(np.linspace(0, len(part.rows) - 1, 3).astype(int)):
+        recomputed = estimator.covariances(_isolate_cell(estimator, part, cell_index, halo, levels))
+        if not all(
+            _are_close(recomputed[name][0], array[cell_index]) for name, array in values.items()
+        ):
             raise _make_estimator_error(
                 estimator,
-                f"the values at {_format_cell(part, at)} change with the map beyond the halo of"
+                f"the values at {_format_cell(part, cell_index)} change with the map beyond the halo of"
                 f" {halo}"
                 " cells; let halo() reach as far as it looks, and draw no random numbers",
             )
@@ -274,9 +276,9 @@ def _raise_if_any(is_bad: Bools, defect: str, estimator: Estimator, part: MapPar
         )
 
 
-def _format_cell(part: MapPart, at: int) -> str:
+def _format_cell(part: MapPart, cell_index: int) -> str:
     """Return the place of a cell for messages."""
-    return f"row {part.rows[at]}, column {part.cols[at]} of the map"
+    return f"row {part.rows[cell_index]}, column {part.cols[cell_index]} of the map"
 
 
 def _make_estimator_error(estimator: Estimator, problem: str) -> FieldError:
@@ -297,13 +299,13 @@ def _isolate_cell(
     """
     row, col = int(part.rows[cell_index]), int(part.cols[cell_index])
 
-    def box(reach: int) -> tuple[slice, slice]:
+    def make_box(reach: int) -> tuple[slice, slice]:
         rows, cols = (slice(max(0, i - reach), i + reach + 1) for i in (row, col))
         return rows, cols
 
     # A ring beyond the halo, which must not matter.
-    around, outer = FREE - levels, box(halo + 16)
-    around[box(halo)] = levels[box(halo)]
+    around, outer = FREE - levels, make_box(halo + 16)
+    around[make_box(halo)] = levels[make_box(halo)]
     return replace(
         part,
         levels=around[outer],

@@ -10,7 +10,13 @@ from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
-from locplan._support.checks import Settings, check_positive, format_suggestion, setting, short_repr
+from locplan._support.checks import (
+    Settings,
+    check_positive,
+    format_suggestion,
+    checked_setting,
+    short_repr,
+)
 from locplan._support.kernels.arrays import Floats, Ints, Octets
 from locplan.errors import ConfigError, FieldError
 from locplan.field.search_window import OffsetLattice
@@ -116,7 +122,7 @@ class Estimator(Settings, ABC):
     Its first setting is the lidar.
     """
 
-    noise_level: float = setting(1.0, check_positive, "times Sigma")
+    noise_level: float = checked_setting(1.0, check_positive, "times Sigma")
     """Factor k on the covariance (Eq. 8), above 0."""
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan._support.checks import check_file_path
-from locplan._support.files import check_target
+from locplan._support.files import check_writable_file
 from locplan._support.kernels.arrays import Array, Bools, Floats
 from locplan._support.progress import ProgressCallback
 from locplan._support.public import DrawableResult
@@ -337,7 +337,7 @@ class CovarianceField(DrawableResult, EqualByValue):
             If points are lacking, the estimator is not registered, or the file cannot be written.
         """
         target = check_file_path("a field", path)
-        check_target(target, files.FIELD_SUFFIX)
+        check_writable_file(target, files.FIELD_SUFFIX)
         files.check_readable(self.values, self.grid, self.config)
         if self.is_interpolated.any():
             raise FieldError(f"{self!r} has some of its points only; compute all to save it")

@@ -48,14 +48,14 @@ def format_weak_share(field: CovarianceField, values: Any, name: str | None = No
         return "nothing is known"
     low, high = (quantity.factor * anchor for anchor in field.anchors(name))
 
-    def value(u: float) -> float:
+    def value_from_u(u: float) -> float:
         return low + u * (high - low) if name in field.layers else low * (high / low) ** u
 
     unit = f" {quantity.unit}" if quantity.unit != "1" else ""
-    threshold = value(DEGENERATE)
+    threshold = value_from_u(DEGENERATE)
     share, greatest = float(np.mean(finite_values >= threshold)), float(finite_values.max())
     if share == 0:
-        prefix = "no weak spot: " if greatest < value(HARMLESS) else ""
+        prefix = "no weak spot: " if greatest < value_from_u(HARMLESS) else ""
         return f"{prefix}at most {greatest:.2g}{unit}"
     share_text = "under 1%" if share < 0.01 else f"{share:.0%}"
     return f"{share_text} weak ({threshold:.2g}{unit} or more)"

@@ -19,7 +19,7 @@ from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.checks import short_repr
 from locplan._support.kernels.arrays import Array, Bools
 from locplan._support.output import replace_file
-from locplan._support.reading import MAX_JSON_BYTES, check_file_stamp, parse_json, stamp
+from locplan._support.reading import MAX_JSON_BYTES, check_file_stamp, parse_json, make_file_stamp
 from locplan._support.saved import TREE_NAME
 from locplan.errors import FieldError, LocplanError
 from locplan.field import tiles
@@ -50,7 +50,7 @@ def make_metadata(
     try:
         has_versions = cached and not is_from_locplan(estimator)
         metadata = {
-            **stamp(KIND, VERSION),
+            **make_file_stamp(KIND, VERSION),
             "engine": tiles.ENGINE,
             "map": grid.name,
             "map_digest": grid.digest,
@@ -115,7 +115,7 @@ def write_points(
     if cells is not None:
         arrays[CELLS] = cells
     with replace_file(file) as temporary:
-        write_arrays(temporary, arrays, plain=rows)
+        write_arrays(temporary, arrays, uncompressed_names=rows)
 
 
 def read_metadata(file: Path) -> dict[str, Any]:

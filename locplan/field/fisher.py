@@ -97,7 +97,7 @@ class Fisher(LidarEstimator):
             part.rows - part.corner[0] + 0.5,
             part.cols - part.corner[1] + 0.5,
             part.headings,
-            self.beams(),
+            self.make_kernel_lidar(),
             self.model == "range",
             part.control,
         )[:, :, : window.dimension, : window.dimension]

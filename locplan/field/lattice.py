@@ -34,7 +34,7 @@ def select_evaluated_points(free: Bools, stride: int) -> Bools:
 
 
 def _find_covered_cells(points: Bools, shape: tuple[int, int], stride: int) -> Bools:
-    """Mark the cells that `interpolate_lattice_on_map` reads from at least one of the points, (H, W)."""
+    """Mark the cells whose interpolated value reads at least one of the points, (H, W)."""
     for axis, size in enumerate(shape):
         at = np.arange(size)
         below = np.minimum(at // stride, points.shape[axis] - 1)

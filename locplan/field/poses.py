@@ -89,7 +89,7 @@ class LatticeCorners:
             points[first], _make_sparse_matrix(weight, position_index, place, (count, len(first)))
         )
 
-    def read(self, values: Floats, headings: Floats | None) -> Floats:
+    def interpolate(self, values: Floats, headings: Floats | None) -> Floats:
         """Return the values at the positions, (n, ...), NaN for a position without a value.
 
         Parameters
@@ -186,7 +186,7 @@ def interpolate_at_poses(field: Any, poses: ArrayLike, name: str | None) -> Any:
         values["covariance"] = corners.interpolate_covariances(covariances[at], headings)
     for quantity_name in names if name is None else (name,):
         if quantity_name in field.layers:
-            values[quantity_name] = corners.read(field.layers[quantity_name][at], headings)
+            values[quantity_name] = corners.interpolate(field.layers[quantity_name][at], headings)
         elif quantity_name != "covariance":
             values[quantity_name] = scalar(values["covariance"], quantity_name)
     if is_single:

@@ -18,14 +18,14 @@ from locplan._support.checks import (
     check_positive,
     check_range,
     set_frozen_fields,
-    setting,
+    checked_setting,
     short_repr,
 )
 from locplan._support.kernels.arrays import Array, Floats
 from locplan.errors import ConfigError
 from locplan.field.estimator import TILE_CELLS, Estimator, MapPart, Values, dict_from_settings
 from locplan.field.search_window import OffsetLattice, SearchWindow
-from locplan.field.templates import disc
+from locplan.field.templates import make_disc_mask
 from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.robots.lidar import Lidar
 
@@ -55,10 +55,10 @@ class Exponential(Settings):
 
     def weigh(self, area: Floats, cell_area: float, template: str) -> Floats:
         """Return the weights, 0..1, of offsets with mismatch areas [m^2]."""
-        area /= -self.scale(template)
+        area /= -self.get_tau(template)
         return np.asarray(np.exp(area, out=area))
 
-    def scale(self, template: str) -> float:
+    def get_tau(self, template: str) -> float:
         """Return the mismatch area with the weight 1/e [m^2]."""
         return TAU[template] if self.tau is None else self.tau
 
@@ -117,9 +117,9 @@ class Sad(Estimator):
     """Search window of pose offsets, which bounds the covariance; by default the paper's."""
     quantisation: bool = True
     """True to add Q, the variance that the window's steps cannot resolve (step^2 / 12)."""
-    range: float = setting(PAPER_RANGE, check_range)
+    range: float = checked_setting(PAPER_RANGE, check_range)
     """Radius of the template disc [m], above 0 up to 10,000; take the range of your lidar."""
-    template: Literal["disc", "visible"] = setting("disc", *TAU)
+    template: Literal["disc", "visible"] = checked_setting("disc", *TAU)
     """Compared part of the disc: all of it, as in the paper, or what a ray from the cell sees.
 
     "visible" does not look through walls, in several times the time.
@@ -203,7 +203,7 @@ class Sad(Estimator):
     def tau(self) -> float:
         """Scale of the exponential weights [m^2]; infinite for weights that are not exponential."""
         law = self.weights
-        return law.scale(self.template) if isinstance(law, Exponential) else math.inf
+        return law.get_tau(self.template) if isinstance(law, Exponential) else math.inf
 
     def identity(self) -> dict[str, object]:
         """Return all settings but the lidar's name, with the default scale of the weights filled
@@ -224,12 +224,12 @@ class Sad(Estimator):
 
         window = self.lattice(part.resolution)
         radius = self.template_radius(part.resolution, part.map_shape)
-        greatest = 2 * np.count_nonzero(disc(radius)) * LEVEL_STEP
+        greatest = 2 * np.count_nonzero(make_disc_mask(radius)) * LEVEL_STEP
         weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
         layout = MapLayout.from_part(part, radius, window.cell_lattice)
         negligible, visible = self.negligible_mismatch(part.resolution), self.template == "visible"
         covariance_in_steps = compute_step_covariances(
-            layout, weights, window.places, negligible, visible
+            layout, weights, window.cell_lattice_places, negligible, visible
         )
         covariance = self.noise_level * covariance_in_steps * np.outer(window.steps, window.steps)
         covariance = covariance[:, : window.dimension, : window.dimension]

@@ -23,7 +23,7 @@ from locplan.field.templates import (
     BEHIND,
     compute_map_centre,
     count_template_rays,
-    disc,
+    make_disc_mask,
     find_cell_ray_indices,
 )
 
@@ -40,11 +40,11 @@ class CellGroup(NamedTuple):
     spacing: int
 
     @property
-    def unit(self) -> int:
+    def common_spacing(self) -> int:
         """Greatest common divisor of the spacing and a square's edge [cells]."""
         return math.gcd(self.spacing, SQUARE)
 
-    def spans(self, unit: int, reach: int) -> tuple[int, int]:
+    def count_spans(self, unit: int, reach: int) -> tuple[int, int]:
         """Number of rows and columns, `unit` cells apart, of the cells and `reach` around them."""
         rows, cols = int(self.rows.max()), int(self.cols.max())
         return (rows + 2 * reach) // unit + 1, (cols + 2 * reach) // unit + 1
@@ -71,7 +71,7 @@ class MapLayout:
     def from_part(cls, part: MapPart, radius: int, window: OffsetLattice) -> MapLayout:
         """Lay out the map and its turned copies."""
         levels = np.array(part.levels, order="C")
-        squares = templates.make_disc_squares(disc(radius))
+        squares = templates.make_disc_squares(make_disc_mask(radius))
         diameter = squares.rows * SQUARE
         centre_row, centre_col = compute_map_centre(part.map_shape)
         cos, sin = np.cos(window.angles), np.sin(window.angles)
@@ -86,7 +86,7 @@ class MapLayout:
         rotated_strips = np.empty((window.angles.size, PLANES, *spans), np.uint8)
         middle = centre_row, centre_col
         first_rows, first_cols = first_rows - radius, first_cols - radius
-        bitplanes.cut_strips(
+        bitplanes.cut_rotated_strips(
             levels, *part.corner, *middle, cos, sin, first_rows, first_cols, rotated_strips
         )
 
@@ -97,7 +97,7 @@ class MapLayout:
         spans = int(np.ptp(part.cols)) + extra_cells, int(np.ptp(part.rows)) + extra_cells
         still = np.empty((1, PLANES, *spans), np.uint8)
         no_turn = np.ones(1), np.zeros(1), np.array(first[:1]), np.array(first[1:])
-        bitplanes.cut_strips(levels, *part.corner, 0.0, 0.0, *no_turn, still)
+        bitplanes.cut_rotated_strips(levels, *part.corner, 0.0, 0.0, *no_turn, still)
         return cls(
             part, levels, window, radius, squares, first, still[0], rotated_strips, tops, lefts
         )
@@ -135,12 +135,14 @@ class MapLayout:
             spacing=math.gcd(step, int(np.gcd.reduce(rows)), int(np.gcd.reduce(cols))),
         )
 
-    def tile(self, group: CellGroup) -> templates.TileLayout:
+    def make_tile_layout(self, group: CellGroup) -> templates.TileLayout:
         """Lay out the tile of a group of cells."""
-        unit = group.unit
+        unit = group.common_spacing
         step_units, square_units = self.window.step_cells // unit, SQUARE // unit
         diameter = self.disc.rows * SQUARE
-        rows, cols = (span + diameter // unit for span in group.spans(unit, self.window.reach))
+        rows, cols = (
+            span + diameter // unit for span in group.count_spans(unit, self.window.reach)
+        )
         lanes = -(-rows // step_units) + -(-self.n_offsets // sad.GROUP) * sad.GROUP
         words = np.zeros((PLANES, cols, step_units, lanes), np.uint64)
         below = np.zeros(words.shape, np.int64)
@@ -184,14 +186,14 @@ class MapLayout:
         Their rows and columns are as far apart as the cells are.
         """
         spacing = group.spacing
-        rows, cols = group.spans(spacing, self.window.reach)
+        rows, cols = group.count_spans(spacing, self.window.reach)
         steps = self.window.step_cells // spacing
         sums = np.zeros((PLANES, cols, -(-rows // steps) * steps), np.int64)
         corner = group.top, group.left
         bitplanes.fill_disc_sums(self.unrotated_octets, *corner, self.radius, spacing, rows, sums)
         return sums.reshape(PLANES, cols, -1, steps).swapaxes(2, 3)
 
-    def sight(self, group: CellGroup) -> templates.SightRays:
+    def make_sight_rays(self, group: CellGroup) -> templates.SightRays:
         """Return the rays of the visible templates of a group of cells."""
         return _make_rays(self.radius, self.window)._replace(
             levels=self.levels,
@@ -278,9 +280,11 @@ def _count_group_blocks(
     """Count the map's cells in the blocks around a group of cells."""
     edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
     places = [find_disc_blocks(layout.radius, edge) for edge in edges]
-    unit, extra_cells = group.unit, max(0, 2 * layout.radius + 1 - min(edges))
+    unit, extra_cells = group.common_spacing, max(0, 2 * layout.radius + 1 - min(edges))
     step_units = layout.window.step_cells // unit
-    rows, cols = (span + extra_cells // unit for span in group.spans(unit, layout.window.reach))
+    rows, cols = (
+        span + extra_cells // unit for span in group.count_spans(unit, layout.window.reach)
+    )
     lanes = -(-rows // step_units) + -(-layout.n_offsets // SHORTS) * SHORTS
     counts = np.empty((len(edges), 2, cols, step_units, lanes), np.uint16)
     col_stride, plane_stride = step_units * lanes, cols * step_units * lanes
@@ -329,7 +333,10 @@ def compute_step_covariances(
     result = np.full((cells, 3, 3), np.nan)
     for group, lines in zip(groups, line_masks, strict=True):
         covariances = np.full((group.cells.size, 3, 3), np.nan)
-        tile, sight = layout.tile(group), layout.sight(group) if visible else None
+        tile, sight = (
+            layout.make_tile_layout(group),
+            layout.make_sight_rays(group) if visible else None,
+        )
         sad.fill_tile_covariances(
             tile, sight, lines, weights, places, scratch, part.control, covariances
         )

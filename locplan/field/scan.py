@@ -78,7 +78,7 @@ class Scan(LidarEstimator):
             part.rows - part.corner[0],
             part.cols - part.corner[1],
             part.headings,
-            self.beams(),
+            self.make_kernel_lidar(),
             np.outer(self.end_deviations, self.endpoint_noise),
             self.temperature,
             part.control,
@@ -103,7 +103,7 @@ class Scan(LidarEstimator):
         """
         from scipy.special import ndtri
 
-        numbers = self._beams.number_symmetric_beams(self.lidar)
+        numbers = self._compared_beams.number_symmetric_beams(self.lidar)
         digits = np.arange(MAX_BEAMS.bit_length())
         reversed_digits = numbers[:, None] >> digits & 1
         return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from locplan._support.checks import Settings, check_positive, setting
+from locplan._support.checks import Settings, check_positive, checked_setting
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.errors import ConfigError
 
@@ -30,19 +30,19 @@ class SearchWindow(Settings):
     21
     """
 
-    half_width: float = setting(2.0, check_positive, "m")
+    half_width: float = checked_setting(2.0, check_positive, "m")
     """Maximum offset in x and in y [m], from `step` to 1000 times it.
 
     A larger one finds look-alike places farther away, in a time that grows with its square.
     """
-    step: float = setting(0.2, check_positive, "m")
+    step: float = checked_setting(0.2, check_positive, "m")
     """Spacing of the offsets [m], above 0; the lidar's estimators round it to whole cells.
 
     Half of it resolves smaller deviations, in four times the time.
     """
-    half_rotation_deg: float = setting(60.0, 0.0, 180.0)
+    half_rotation_deg: float = checked_setting(60.0, 0.0, 180.0)
     """Maximum turn [deg], 0 to 180; 0 compares positions only, and then e has the unit m^2."""
-    rotation_step_deg: float = setting(10.0, check_positive, "deg")
+    rotation_step_deg: float = checked_setting(10.0, check_positive, "deg")
     """Spacing of the turns [deg], above 0 up to `half_rotation_deg`."""
 
     def __post_init__(self) -> None:
@@ -129,14 +129,14 @@ class OffsetLattice:
         return cell_step if self.exact_step is None else self.exact_step
 
     @property
-    def cells(self) -> Ints:
+    def cell_offsets(self) -> Ints:
         """Offsets along x, and likewise along y, each rounded to whole cells."""
         return np.rint(self.offsets / self.resolution).astype(np.int64)
 
     @property
     def reach(self) -> int:
         """Maximum offset in x and in y [cells]."""
-        return int(self.cells[-1])
+        return int(self.cell_offsets[-1])
 
     @property
     def cell_lattice(self) -> OffsetLattice:
@@ -146,9 +146,9 @@ class OffsetLattice:
         return replace(self, half_steps=-(-self.reach // self.step_cells), exact_step=None)
 
     @property
-    def places(self) -> Floats:
+    def cell_lattice_places(self) -> Floats:
         """Places of the rounded offsets on `cell_lattice`, from 0 on [its steps]."""
-        return self.cells / self.step_cells + self.cell_lattice.half_steps
+        return self.cell_offsets / self.step_cells + self.cell_lattice.half_steps
 
     @property
     def steps(self) -> Floats:

@@ -173,7 +173,7 @@ def load_or_compute(
         compute,
         field.save,
         cache_dir=cache_dir,
-        waiting=(lambda parts: field.report(parts, progress)) if progress else None,
+        on_waiting=(lambda parts: field.report(parts, progress)) if progress else None,
     )
     if required is not None:
         for array in values.values():

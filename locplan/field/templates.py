@@ -17,7 +17,7 @@ BEHIND = 2
 """Number of cells behind the one that a ray hits that still belong to a visible template."""
 
 
-def disc(radius: int) -> Bools:
+def make_disc_mask(radius: int) -> Bools:
     """Mark the cells of a disc, the template's shape, (2r + 1, 2r + 1).
 
     Parameters
@@ -37,7 +37,7 @@ def disc(radius: int) -> Bools:
     return np.asarray(offset[None, :] <= half_width[:, None])
 
 
-def local_map(cells: Octets, row: int, col: int, radius: int) -> Octets:
+def cut_template(cells: Octets, row: int, col: int, radius: int) -> Octets:
     """Cut the square around a cell out of a map, (2r + 1, 2r + 1); outside the map is unknown.
 
     Parameters
@@ -82,7 +82,7 @@ def cut_rotated_template(cells: Octets, row: int, col: int, radius: int, theta: 
     return read_levels(cells, source_row, source_col)
 
 
-def visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -> Bools:
+def mark_visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -> Bools:
     """Mask of the visible part of a cell's disc, turned by `theta` [rad], (2r + 1, 2r + 1).
 
     A ray sees the cells on its way to the first cell that is not free, and `BEHIND` cells more, so
@@ -108,7 +108,7 @@ def visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -
     first = np.where(stops.any(axis=1), stops.argmax(axis=1) + 1, 2 * radius)
     reach = (first + 1 + 2 * BEHIND)[find_cell_ray_indices(radius, theta)]  # [half cells]
     offset = 2 * np.arange(-radius, radius + 1)
-    return disc(radius) & (offset[:, None] ** 2 + offset[None, :] ** 2 <= reach**2)
+    return make_disc_mask(radius) & (offset[:, None] ** 2 + offset[None, :] ** 2 <= reach**2)
 
 
 def count_template_rays(radius: int) -> int:

@@ -155,7 +155,7 @@ def build_dataset(
     require_extra("xarray", "tables", "to_xarray")
     from xarray import Dataset
 
-    along = coordinates(grid, config)
+    along = make_coordinates(grid, config)
     places = tuple(along)
     arrays: dict[str, Any] = {name: (places, array) for name, array in values.items()}
     arrays["covariance"] = (*places, "pose_row", "pose_col"), values["covariance"]
@@ -165,7 +165,7 @@ def build_dataset(
     return Dataset(arrays, at, attributes)
 
 
-def coordinates(
+def make_coordinates(
     grid: OccupancyGrid, config: FieldConfig
 ) -> dict[str, tuple[Array, dict[str, Any]]]:
     """Return values and attributes of the coordinates y, x and, if there are several, heading."""

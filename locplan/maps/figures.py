@@ -266,10 +266,10 @@ def zoom_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
         The result of `crop_map` if it is below 0.6 of the map's extent, otherwise the map.
     """
     part = crop_map(grid, paths) if paths else grid
-    return part if is_small(grid, part) else grid
+    return part if is_small_part(grid, part) else grid
 
 
-def is_small(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
+def is_small_part(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
     """True if a part is too small to be visible in a picture of the whole map."""
     ends = map(find_known_extent, (part, grid))
     part_size, grid_size = (max(high - low, right - left) for low, high, left, right in ends)
@@ -333,7 +333,7 @@ def draw_zones(axes: Axes, zones: Zones, grid: OccupancyGrid) -> list[Patch]:
             for ring in _find_zone_outlines(zones, kind, visible_map)
         ]
         style, label = styles.ZONE_STYLES[kind], {"prefer": "preferred"}.get(kind, kind)
-        around = styles.outline(style["linewidth"] + 1.6) if kind != "no-go" else []
+        around = styles.make_white_outline(style["linewidth"] + 1.6) if kind != "no-go" else []
         outlines = Outline.make_compound_path(*rings)
         axes.add_patch(PathPatch(outlines, path_effects=around, **style))
         handles.append(Patch(label=f"{label} zone", **style))

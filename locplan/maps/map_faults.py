@@ -54,7 +54,7 @@ class WallSolidity:
     """Share of the walls' surface with over 0.5 m of black behind it, 0..1."""
 
     @property
-    def misleads(self) -> bool:
+    def is_misleading(self) -> bool:
         """True if wrong poses win a fifth of the scans, and hollowing at least halves that."""
         return (
             self.wrong_pose_share >= 0.2
@@ -64,7 +64,7 @@ class WallSolidity:
     @property
     def is_solid(self) -> bool:
         """True if walls mislead because they are deep, and are not just smeared or inflated."""
-        return self.misleads and self.deep_surface_share >= 0.15
+        return self.is_misleading and self.deep_surface_share >= 0.15
 
 
 def hollow_walls(grid: OccupancyGrid) -> OccupancyGrid:
@@ -514,7 +514,7 @@ def find_painted_unknown_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
 
 def find_wall_faults(grid: OccupancyGrid, wall_solidity: WallSolidity) -> Iterator[MapFault]:
     """Find walls that mislead a particle filter."""
-    if wall_solidity.misleads:
+    if wall_solidity.is_misleading:
         yield MapFault(
             "solid walls" if wall_solidity.is_solid else "thick walls",
             "walls are black inside: a wrong pose explains"

@@ -23,7 +23,7 @@ from locplan._support.checks import (
     set_frozen_fields,
     short_repr,
 )
-from locplan._support.files import check_target
+from locplan._support.files import check_writable_file
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.output import replace_file
 from locplan._support.reading import MAX_BYTES, parse_json, read_text
@@ -135,7 +135,7 @@ class Zone(EqualByValue):
             raise ConfigError("has no corners; draw the polygon again")
         if len(rings) > 1:
             raise ConfigError("has a hole; split the zone into polygons without holes")
-        ring = rings[0][:-1] if _is_closed(rings[0]) else rings[0]
+        ring = rings[0][:-1] if _is_closed_ring(rings[0]) else rings[0]
         return cls(properties["kind"], ring, properties.get("percent"))
 
 
@@ -323,7 +323,7 @@ class Zones:
             If it cannot be written.
         """
         target = check_file_path("a file of zones", path)
-        check_target(target, ".geojson", ".json")
+        check_writable_file(target, ".geojson", ".json")
         with replace_file(target) as temporary:
             temporary.write_bytes(self.text.encode())
 
@@ -489,7 +489,7 @@ def _get_geojson_member(geojson: Any, name: str) -> Any:
     return geojson.get(name) if isinstance(geojson, Mapping) else None
 
 
-def _is_closed(ring: Any) -> bool:
+def _is_closed_ring(ring: Any) -> bool:
     """True if the first point of a ring is also its last."""
     return isinstance(ring, list) and len(ring) > 1 and ring[0] == ring[-1]
 

@@ -19,7 +19,11 @@ from locplan.field.sad import Sad
 from locplan.maps import environments
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
-from locplan.paper.template_matching import DIFFERENCES, compare_models_along_strip, mismatch
+from locplan.paper.template_matching import (
+    DIFFERENCES,
+    compare_models_along_strip,
+    compute_mismatch_areas,
+)
 
 PLACES = {"A": "places", "B": "places", "C": "places", "D": "places", "E": "hall"}
 """The environment in which each of the paper's places lies, see `environments.landmarks`."""
@@ -124,11 +128,11 @@ ClaimTest = Callable[[Covariances], Bools]
 def _make_lower_test(lower: str, upper: str, name: str = "e") -> ClaimTest:
     """Return a test that a scalar is lower at each of the places `lower` than at any of `upper`."""
 
-    def holds(covariances: Covariances) -> Bools:
+    def is_lower(covariances: Covariances) -> Bools:
         low, high = (np.array([scalar(covariances[k], name) for k in ks]) for ks in (lower, upper))
         return np.asarray(1.01 * low.max(axis=0) < high.min(axis=0))
 
-    return holds
+    return is_lower
 
 
 def _lies_along_x(covariances: Covariances) -> Bools:
@@ -182,7 +186,9 @@ def compute_place_mismatch(maps: Mapping[str, OccupancyGrid], place: str, estima
         The estimator, whose template and search window are taken.
     """
     grid = maps[PLACES[place]]
-    return mismatch(grid, *environments.place_positions(PLACES[place])[place], estimator)
+    return compute_mismatch_areas(
+        grid, *environments.place_positions(PLACES[place])[place], estimator
+    )
 
 
 def compute_place_covariances(

@@ -23,7 +23,12 @@ from locplan._support.kernels.arrays import Floats, Ints, Octets
 from locplan.errors import ConfigError, MapError, PoseError
 from locplan.field.sad import Sad
 from locplan.field.search_window import OffsetLattice
-from locplan.field.templates import cut_rotated_template, disc, local_map, visible_part
+from locplan.field.templates import (
+    cut_rotated_template,
+    make_disc_mask,
+    cut_template,
+    mark_visible_part,
+)
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE
 
@@ -119,7 +124,7 @@ DIFFERENCES = ("SSD", "SAD", "NSSD")
 """The models whose least value is the best match."""
 
 
-def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
+def compute_similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
     """Compute all seven models from the levels of a template and of the map under it.
 
     Parameters
@@ -213,8 +218,8 @@ def compare_models_along_axis(
         raise ConfigError(
             f"axis must be x, y, or theta if the window has headings, not {short_repr(axis)}"
         )
-    mask = disc(radius)
-    unmoved = local_map(grid.cells, row, col, radius)[mask]
+    mask = make_disc_mask(radius)
+    unmoved = cut_template(grid.cells, row, col, radius)[mask]
     if axis == "theta":
         turns = round(estimator.window.half_rotation_deg)
         angles = np.radians(np.arange(-turns, turns + 1, dtype=np.float64))
@@ -228,7 +233,7 @@ def compare_models_along_axis(
     return cells * grid.resolution, _compute_model_values(
         (
             unmoved,
-            local_map(grid.cells, row + k * direction[0], col + k * direction[1], radius)[mask],
+            cut_template(grid.cells, row + k * direction[0], col + k * direction[1], radius)[mask],
         )
         for k in range(-reach, reach + 1)
     )
@@ -236,7 +241,7 @@ def compare_models_along_axis(
 
 def _compute_model_values(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, Floats]:
     """Compute the seven models for pairs of template and map, by name."""
-    rows = [similarities(template, levels) for template, levels in pairs]
+    rows = [compute_similarities(template, levels) for template, levels in pairs]
     return {name: np.array([row[name] for row in rows]) for name in MODELS}
 
 
@@ -256,7 +261,7 @@ def compute_sad_distribution(
 
     Parameters
     ----------
-    cells : (H, W) array of uint8
+    cell_offsets : (H, W) array of uint8
         Levels of the map.
     row, col : int
         The cell c.
@@ -285,15 +290,15 @@ def compute_sad_distribution(
     """
     import cv2
 
-    mask = disc(radius).astype(np.uint8)
+    mask = make_disc_mask(radius).astype(np.uint8)
     size = 2 * radius + 1
-    around = local_map(cells, row, col, radius + window.reach)
-    shifts = (window.reach + window.cells).tolist()
+    around = cut_template(cells, row, col, radius + window.reach)
+    shifts = (window.reach + window.cell_offsets).tolist()
     mismatch = np.empty((len(shifts), len(shifts), len(window.angles)), np.int64)
     for k, theta in enumerate(window.angles):
         template = cut_rotated_template(cells, row, col, radius, theta)
         if visible:
-            mask = visible_part(cells, row, col, radius, theta).astype(np.uint8)
+            mask = mark_visible_part(cells, row, col, radius, theta).astype(np.uint8)
         for j, dy in enumerate(shifts):
             for i, dx in enumerate(shifts):
                 shifted = around[dy : dy + size, dx : dx + size]
@@ -301,7 +306,7 @@ def compute_sad_distribution(
     return mismatch
 
 
-def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> Floats:
+def compute_mismatch_areas(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> Floats:
     """Compute the mismatch area of a position at every offset of the search window.
 
     Parameters

@@ -99,11 +99,11 @@ class AnyAngle:
         cells, _ = find_cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)
         if cells is None:
             return PlannerResult(status="unreachable")
-        cells_by_32_moves = None
+        cells_with_32_moves = None
         if self.accuracy == "high":
-            cells_by_32_moves = _find_cells_with_32_moves(costs, start, goal, cutting)
+            cells_with_32_moves = _find_cells_with_32_moves(costs, start, goal, cutting)
         return PlannerResult(
-            make_any_angle_path(costs, bordered, cells, start, goal, cutting, cells_by_32_moves)
+            make_any_angle_path(costs, bordered, cells, start, goal, cutting, cells_with_32_moves)
         )
 
 
@@ -114,7 +114,7 @@ def make_any_angle_path(
     start: Position,
     goal: Position,
     allow_corner_cutting: bool = False,
-    cells_by_32_moves: Ints | None = None,
+    cells_with_32_moves: Ints | None = None,
 ) -> Path:
     """Straighten a path over cells; the result never costs more than the cells' path.
 
@@ -130,14 +130,14 @@ def make_any_angle_path(
         Positions in the world [m].
     allow_corner_cutting : bool, default False
         True lets lines pass the corner of a blocked cell.
-    cells_by_32_moves : (m, 2) array, optional
+    cells_with_32_moves : (m, 2) array, optional
         Cells to straighten in place of those, if they were searched over more moves.
     """
     candidates = [_drop_end_centres(costs, cells, start, goal)]
     if (line := find_straight_line(costs, start, goal, allow_corner_cutting)) is not None:
         candidates.append(line)
     ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
-    inner = (cells if cells_by_32_moves is None else cells_by_32_moves) + 0.5
+    inner = (cells if cells_with_32_moves is None else cells_with_32_moves) + 0.5
     positions = np.vstack([ends[:1], inner, ends[1:]])
     straight = _straighten_and_shift(costs, bordered, positions, start, goal, allow_corner_cutting)
     # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
@@ -174,27 +174,27 @@ def _straighten_and_shift(
     cutting: bool,
 ) -> Path:
     """Straighten positions (n, 2) of (row, col) at all scales and shift them; the ends stay."""
-    from locplan.planning.kernels.any_angle import shift, shortcut
+    from locplan.planning.kernels.any_angle import shift_positions, choose_kept_positions
 
     half, columns, cheapest = bordered.half, bordered.columns, bordered.scale.cheapest
     positions, spacing = positions + 1, 1.0
     while True:
-        indices = shortcut(half, columns, positions, LOOKAHEAD, cutting, cheapest)
+        indices = choose_kept_positions(half, columns, positions, LOOKAHEAD, cutting, cheapest)
         positions = positions[indices]
         length = np.hypot(*np.diff(positions, axis=0).T).sum()
         if LOOKAHEAD * spacing >= length:
             break
         spacing *= 4  # one straightening looks at four times the scale of the one before
-        positions = subdivide(positions, spacing)
-    positions = subdivide(positions, 8.0)
+        positions = subdivide_line(positions, spacing)
+    positions = subdivide_line(positions, 8.0)
     for step in SHIFTS:  # in at most 20 sweeps over all positions
-        positions = shift(half, columns, positions, step, 20, cutting)
-    indices = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting, cheapest)
+        positions = shift_positions(half, columns, positions, step, 20, cutting)
+    indices = choose_kept_positions(half, columns, positions, LOOKAHEAD // 2, cutting, cheapest)
     xy = np.column_stack(costs.grid.grid_to_world(*(positions[indices] - 1).T))
     return drop_repeated_positions(costs, np.vstack([start, xy[1:-1], goal]))
 
 
-def subdivide(positions: Floats, spacing: float) -> Floats:
+def subdivide_line(positions: Floats, spacing: float) -> Floats:
     """Add positions to a line so that they lie at most `spacing` apart."""
     steps = np.diff(positions, axis=0)
     counts = np.maximum(1, np.ceil(np.hypot(*steps.T) / spacing)).astype(int)
@@ -209,14 +209,16 @@ def _find_cells_with_32_moves(
 ) -> Ints | None:
     """Return the cheapest cells over 32 moves; None without a path or if costs differ too much."""
     from locplan._support.kernels.search import make_bordered_half_density
-    from locplan.planning.kernels.any_angle import cheapest_moves
+    from locplan.planning.kernels.any_angle import find_cheapest_move_cells
 
     columns = costs.grid.shape[1] + 2 * REACH
     half, ends = (
         make_bordered_half_density(costs.density, REACH),
         find_bordered_end_indices(costs, start, goal, REACH),
     )
-    flat = cheapest_moves(half, *ends, _make_straight_moves(columns, allow_corner_cutting))
+    flat = find_cheapest_move_cells(
+        half, *ends, _make_straight_moves(columns, allow_corner_cutting)
+    )
     return cells_from_flat_indices(flat, columns, REACH) if flat.size else None
 
 

@@ -17,7 +17,7 @@ from locplan.planning.grid import (
     GridPlanner,
     cells_from_flat_indices,
     find_bordered_index,
-    grid_path,
+    make_grid_path,
     iterate_bands,
 )
 from locplan.planning.path import Path
@@ -118,7 +118,7 @@ class CostToGo:
 
     def _path_from_cells(self, cells: Ints, start: Position) -> Path:
         """Return the path over cells (n, 2) from a start."""
-        return grid_path(self.costs, cells, start, self.goal, self.allow_corner_cutting)
+        return make_grid_path(self.costs, cells, start, self.goal, self.allow_corner_cutting)
 
 
 def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = False) -> CostToGo:
@@ -186,7 +186,7 @@ class NamedPlace:
     """Number of the room, from 1 on."""
 
     @property
-    def xy(self) -> str:
+    def position_argument(self) -> str:
         """The position as the command line takes it [m]."""
         return f"{self.x!r},{self.y!r}"
 
@@ -233,21 +233,25 @@ def find_farthest_pairs(
         The part of the room that places lie in; paths between them may leave it.
     """
     coarse_room = _CoarseRoom(grid, room_of_cell, room, part)
-    place_cells = [coarse_room.farthest(coarse_room.distance(coarse_room.deepest))]
-    distances = [coarse_room.distance(place_cells[0])]
+    place_cells = [
+        coarse_room.find_farthest_cell(coarse_room.compute_distances(coarse_room.deepest))
+    ]
+    distances = [coarse_room.compute_distances(place_cells[0])]
     while len(place_cells) < len(names):
         nearest = np.minimum.reduce(distances)
-        place = coarse_room.farthest(nearest)
+        place = coarse_room.find_farthest_cell(nearest)
         spacing = 0.2 * distances[0][place_cells[1]] if len(place_cells) > 1 else 0.0
         if nearest[place] <= max(min_distance, spacing):
             break
         place_cells.append(place)
-        distances.append(coarse_room.distance(place))
-    ends = sorted(place_cells[:2], key=coarse_room.position)  # A is the left one of the first pair
+        distances.append(coarse_room.compute_distances(place))
+    ends = sorted(
+        place_cells[:2], key=coarse_room.find_world_position
+    )  # A is the left one of the first pair
     order = [*ends, *place_cells[2:]]
     from_places = [distances[place_cells.index(place)] for place in order]
     places = [
-        NamedPlace(name, *coarse_room.position(place), room)
+        NamedPlace(name, *coarse_room.find_world_position(place), room)
         for name, place in zip(names, order, strict=False)
     ]
     pairs = []
@@ -312,21 +316,21 @@ class _CoarseRoom:
         height, width = part.shape
         return np.asarray(part[np.minimum(rows, height - 1), np.minimum(cols, width - 1)]).ravel()
 
-    def distance(self, place: int) -> Floats:
+    def compute_distances(self, coarse_cell: int) -> Floats:
         """Return the length of the shortest path from a cell to every cell, flat [m]."""
-        row, col = divmod(place, self._costs.grid.shape[1])
+        row, col = divmod(coarse_cell, self._costs.grid.shape[1])
         xy = self._costs.grid.position(row, col)
         return plan_field(self._costs, xy).cost.ravel()
 
-    def farthest(self, distance: Floats) -> int:
+    def find_farthest_cell(self, distance: Floats) -> int:
         """Return the clearest of the cells that are almost as far as the farthest clear one."""
         reached = np.where(self._clear, distance, -1.0)
         far = np.flatnonzero(reached >= 0.95 * reached.max())
         return int(far[np.lexsort((-reached[far], -self._depth[far]))[0]])
 
-    def position(self, place: int) -> tuple[float, float]:
+    def find_world_position(self, coarse_cell: int) -> tuple[float, float]:
         """Return x, y [m] of a coarse cell's deepest cell, rounded if that stays in the room."""
-        row, col = divmod(place, self._costs.grid.shape[1])
+        row, col = divmod(coarse_cell, self._costs.grid.shape[1])
         deep_row, deep_col = divmod(int(self._place[row, col]), self._factor)
         row = self._top + row * self._factor + deep_row
         col = self._left + col * self._factor + deep_col

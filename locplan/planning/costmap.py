@@ -32,7 +32,7 @@ from locplan.planning.layers import (
     compute_density,
     copy_checked_layer,
     copy_layer,
-    degeneracy,
+    compute_degeneracy,
     make_readonly,
     robot_or_none,
 )
@@ -197,7 +197,7 @@ class Costmap(CostLayers, StoredObject):
         settings = CostSettings(
             law, criterion, headings, field.config, not field.is_interpolated.any()
         )
-        u, e = degeneracy(field, criterion, law, headings)
+        u, e = compute_degeneracy(field, criterion, law, headings)
         zones = normalize_zones(zones)
         density = add_zone_costs(compute_density(u, weight), grid, zones)
         return cls(

@@ -28,7 +28,7 @@ from locplan._support.drawing import (
     draw_field_bar,
     label_with_plain_numbers,
     make_logarithmic,
-    outline,
+    make_white_outline,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.tables import format_area
@@ -48,7 +48,7 @@ from locplan.maps.figures import (
     draw_cells,
     draw_map,
     draw_zones,
-    is_small,
+    is_small_part,
     make_map_axes,
     zoom_map,
 )
@@ -141,7 +141,7 @@ def _add_legend(figure: Figure, description: MapInfo, colours: Sequence[str]) ->
     ]
     for place in description.places:
         handle = Line2D([], [], color="black", linestyle="", markeredgewidth=0)
-        handle.set(marker=f"$\\mathbf{{{place.name}}}$", label=f"{place.xy} m")
+        handle.set(marker=f"$\\mathbf{{{place.name}}}$", label=f"{place.position_argument} m")
         handles.append(handle)
     if handles:
         figure.legend(
@@ -188,7 +188,7 @@ def draw_path(
         color=color,
         linestyle=linestyle,
         linewidth=linewidth,
-        path_effects=outline() if path_effects is None else path_effects,
+        path_effects=make_white_outline() if path_effects is None else path_effects,
         label=label,
         zorder=zorder,
     )
@@ -359,7 +359,7 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     """
     if part.shape != grid.shape:
         _set_limits(axes, part, share=0.0)
-    if not is_small(grid, part):
+    if not is_small_part(grid, part):
         return
     points = [path.resample(0.5, even=True).xy for path in paths]
     size = _compute_inset_size(axes, grid)
@@ -554,7 +554,7 @@ def _list_plan_handles(
             f"{styled.label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
             f" ∫e ds = {metrics.integrated_e:.3g} {e_unit} m"
         )
-        handle = Line2D([], [], path_effects=outline(), linewidth=2, label=text)
+        handle = Line2D([], [], path_effects=make_white_outline(), linewidth=2, label=text)
         handle.set(color=styled.style.color, linestyle=styled.style.linestyle)
         handles.append(handle)
     handles += [
@@ -704,7 +704,10 @@ def front_figure(front: ParetoFront) -> Figure:
     targets = np.linspace(low, high, 12)  # more lines hide each other
     indices = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
     knee = front.knee
-    for index, width, effects in [*((index, 1.6, []) for index in indices), (knee, 3.0, outline())]:
+    for index, width, effects in [
+        *((index, 1.6, []) for index in indices),
+        (knee, 3.0, make_white_outline()),
+    ]:
         path = front.plan(index).path
         assert path is not None
         color = colours(norm(front.length[index]))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from locplan._support.kernels.search import CostScale
 
 
-def grid_path(
+def make_grid_path(
     costs: Costmap, cells: Ints, start: Position, goal: Position, allow_corner_cutting: bool = False
 ) -> Path:
     """Return the path over the centres of cells (n, 2), or the straight line if it costs less."""
@@ -172,7 +172,7 @@ class GridPlanner:
         )
         if cells is None:
             return PlannerResult(status="unreachable", expanded=expanded)
-        path = grid_path(costs, cells, start, goal, self.allow_corner_cutting)
+        path = make_grid_path(costs, cells, start, goal, self.allow_corner_cutting)
         return PlannerResult(path, expanded=expanded)
 
 

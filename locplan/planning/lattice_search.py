@@ -19,7 +19,7 @@ from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.planning.costmap import Costmap
 from locplan.planning.grid import find_cheapest_cells
 from locplan.planning.kernels import lattice as kernels
-from locplan.planning.kernels.bit_masks import WORD, add_runs, widen_bits
+from locplan.planning.kernels.bit_masks import WORD, mark_run_collisions, widen_bits
 from locplan.planning.kernels.lattice import BACKWARD, EITHER, FORWARD, LatticeCostmap, LatticeMoves
 from locplan.planning.metrics import find_cells_of_path
 from locplan.planning.path import Path
@@ -386,7 +386,7 @@ def _add_primitive_masks(
     for primitive, slot, primitive_runs in zip(
         motion_primitives, number_primitives_per_heading(motion_primitives), runs, strict=True
     ):
-        add_runs(masks, wide, primitive_runs, np.array([primitive.source, slot]), margin)
+        mark_run_collisions(masks, wide, primitive_runs, np.array([primitive.source, slot]), margin)
 
 
 def _pack_bordered_bits(plane: Array, margin: int, words: int, outside: bool) -> Array:

@@ -51,7 +51,7 @@ def check_criterion(criterion: str, config: FieldConfig) -> None:
     check_choice("criterion", criterion, [*SCALARS, *layers])
 
 
-def degeneracy(
+def compute_degeneracy(
     field: CovarianceField, criterion: str, law: str, headings: Literal["mean", "worst"] | None
 ) -> tuple[Floats, Floats]:
     """Compute u and e of a field, (H, W), or without `headings` of each heading, (n, H, W)."""
@@ -196,7 +196,7 @@ class CostLayers(DrawableResult):
         return "m²" if flat else "m² rad"
 
     @property
-    def note(self) -> str:
+    def estimator_note(self) -> str:
         """A text on a better estimator for the robot's lidar; empty if there is none."""
         estimator = self.settings and self.settings.config.estimator
         if not isinstance(estimator, Sad) or not self.weight > SHORTEST_WEIGHT:
@@ -345,7 +345,7 @@ class HeadingLayers:
         """Return the layers of a field's headings; None if it has one heading."""
         if field.config.headings == 1:
             return None
-        return cls(partial(degeneracy, field, settings.criterion, settings.law, None))
+        return cls(partial(compute_degeneracy, field, settings.criterion, settings.law, None))
 
     @cached_property
     def u_and_e(self) -> tuple[Singles, Singles]:

@@ -178,7 +178,7 @@ class MapInfo(DrawableResult):
         x, y = self.grid.grid_to_world(np.array([0, 0, rows, rows]), np.array([0, cols] * 2))
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
-    def command(self, pair: PlacePair) -> str:
+    def format_plan_command(self, pair: PlacePair) -> str:
         """Return the command line that plans between two places, with `LIDAR` for the user's.
 
         Parameters
@@ -191,7 +191,7 @@ class MapInfo(DrawableResult):
         file = self.source.file if self.source else file_name
         radius = f" --set footprint={self.robot_radius:g} --set margin=0"
         return (
-            f"locplan plan {shlex.quote(file)} --start {pair.start.xy} --goal {pair.goal.xy}"
+            f"locplan plan {shlex.quote(file)} --start {pair.start.position_argument} --goal {pair.goal.position_argument}"
             f" --lidar {LIDAR}{'' if self.robot_radius == ROBOT_RADIUS else radius}"
         )
 
@@ -208,10 +208,12 @@ class MapInfo(DrawableResult):
         """Return the information for people, with command lines to copy."""
         parts = [format_table([], self._list_facts()), self._format_rooms()]
         for pair in self.pairs:
-            ends = " / ".join(f"{place.name} {place.xy}" for place in (pair.start, pair.goal))
+            ends = " / ".join(
+                f"{place.name} {place.position_argument}" for place in (pair.start, pair.goal)
+            )
             digits = 0 if pair.distance >= 9.95 else 1
             parts.append(f"{ends}: {pair.distance:.{digits}f} m by the shortest way")
-            parts.append(f"  {self.command(pair)}")
+            parts.append(f"  {self.format_plan_command(pair)}")
         if self.pairs:
             parts.append(
                 f"{LIDAR} stands for your lidar, or the robot that carries it (locplan info"
@@ -278,7 +280,7 @@ class MapInfo(DrawableResult):
             "places": self.table().records(),
             "pairs": [
                 {"start": pair.start.name, "goal": pair.goal.name, "distance": pair.distance}
-                | {"command": self.command(pair)}
+                | {"command": self.format_plan_command(pair)}
                 for pair in self.pairs
             ],
             "warnings": list(self.warnings),

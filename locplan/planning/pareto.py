@@ -227,7 +227,7 @@ def check_front_limits(objective: str, time_limit: float, max_labels: int = 1) -
     check_positive("max_labels", max_labels)
 
 
-def prepare() -> None:
+def compile_pareto_kernels() -> None:
     """Compile the kernels, so that no time limit is spent on that."""
     costs = dataclasses.replace(make_blank_costs(2, 3), u=np.ones((2, 3)))
     problem = ParetoProblem.for_route(costs, (0.5, 0.5), (2.5, 1.5), "u", False)
@@ -289,20 +289,20 @@ class ParetoSearch:
 
         return int(self._labels.state[USED])
 
-    def run(self, solutions: int, until: float) -> tuple[NDArray[np.int32], float]:
+    def run(self, n_solutions: int, until: float) -> tuple[NDArray[np.int32], float]:
         """Search until there are so many solutions or labels, or `time.perf_counter` is `until`.
 
         The labels at the goal come by rising first cost, with a bound on all remaining first costs.
         """
         from locplan.planning.kernels import pareto
 
-        solution_labels = np.zeros(solutions, np.int32)
+        solution_labels = np.zeros(n_solutions, np.int32)
         while True:
             bound = pareto.search_labels(self._labels, self._terms, STRETCH, solution_labels)
             status, count = (int(self._labels.state[i]) for i in (pareto.STATUS, pareto.SOLUTIONS))
             full = status == pareto.OUT_OF_LABELS and not self._double_capacity()
             late = time.perf_counter() > until
-            if status == pareto.FINISHED or count == solutions or full or late:
+            if status == pareto.FINISHED or count == n_solutions or full or late:
                 return solution_labels[:count], bound
 
     def read_costs(self, labels: NDArray[np.int32]) -> tuple[Array, Array]:
@@ -363,7 +363,7 @@ class BudgetPlanner:
 
     def prepare(self) -> None:
         """Compile the kernels, so that no time limit is spent on that."""
-        prepare()
+        compile_pareto_kernels()
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan between two world positions [m] in free cells.
@@ -542,7 +542,7 @@ def pareto_front(
     """
     check_costs(costs)
     check_front_limits(objective, time_limit, max_labels)
-    prepare()
+    compile_pareto_kernels()
     began = time.perf_counter()
     until = began + time_limit
     problem = ParetoProblem.for_route(costs, start, goal, objective, allow_corner_cutting, until)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from locplan._support.checks import FARTHEST, check_file_path, check_positive
-from locplan._support.files import check_target
+from locplan._support.files import check_writable_file
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.poses import compute_travel_distances
 from locplan._support.reading import read_text
@@ -109,7 +109,7 @@ class Path(EqualByValue):
             If the file cannot be written, or its name does not end in .csv.
         """
         file = check_file_path("a path file", path)
-        check_target(file, ".csv")
+        check_writable_file(file, ".csv")
         # The shortest text of just this number: `load` gives the path back as it was.
         write_csv(file, self.poses, ",".join(COLUMNS[: self.poses.shape[1]]), "%s")
 

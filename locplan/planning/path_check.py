@@ -272,17 +272,17 @@ def _measure_clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -
     if not (grid.cells == OCCUPIED).any():
         return math.inf
 
-    def meets(distance: float) -> bool:
+    def hits_wall(distance: float) -> bool:
         return (
             grow_outline(outline.vertices, distance).find_first_collision(grid, poses) is not None
         )
 
     doubled = itertools.accumulate(itertools.repeat(2.0), lambda by, two: by * two, initial=0.1)
-    high = next(by for by in doubled if by > 1e6 or meets(by))
+    high = next(by for by in doubled if by > 1e6 or hits_wall(by))
     low = 0.0
     while high - low > EXACT:
         middle = (low + high) / 2
-        low, high = (low, middle) if meets(middle) else (middle, high)
+        low, high = (low, middle) if hits_wall(middle) else (middle, high)
     return low
 
 

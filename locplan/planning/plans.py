@@ -61,7 +61,9 @@ def check_ends(
     """
     stops = [(start, "start"), *((xy, f"waypoint {n}") for n, xy in enumerate(via, 1))]
     headed = None if space == LATTICE else space != "R2"
-    return [check_pose(costs, pose, role, headed=headed) for pose, role in [*stops, (goal, "goal")]]
+    return [
+        check_pose(costs, pose, role, has_heading=headed) for pose, role in [*stops, (goal, "goal")]
+    ]
 
 
 def plan(

@@ -144,26 +144,26 @@ def check_space(space: str, turning_radius: float | None) -> None:
 
 
 def check_pose(
-    costs: Costmap, pose: Sequence[float], role: str, *, headed: bool | None
+    costs: Costmap, pose: Sequence[float], role: str, *, has_heading: bool | None
 ) -> tuple[float, ...]:
     """Return a pose as numbers, or raise a PoseError if the robot cannot stand there.
 
-    `headed` is True if it must have a heading, False if it has none, None if both are allowed.
+    `has_heading` is True if it must have a heading, False if it has none, None if both are allowed.
     """
     try:
         numbers = tuple(float(value) for value in pose)
     except (TypeError, ValueError):
         numbers = ()
-    if headed is None:
-        headed = len(numbers) == 3
-    if headed and not (len(numbers) == 3 and math.isfinite(numbers[2])):
+    if has_heading is None:
+        has_heading = len(numbers) == 3
+    if has_heading and not (len(numbers) == 3 and math.isfinite(numbers[2])):
         raise PoseError(f"{role} must be x, y [m] and a heading, not {short_repr(pose)}")
-    if not headed and len(numbers) == 3:
+    if not has_heading and len(numbers) == 3:
         raise PoseError(
             f"{role} must be x, y [m]; only plans in SE2, Dubins or ReedsShepp have a heading"
         )
-    costs.find_cell(numbers[:2] if headed else pose, role)
-    if headed:
+    costs.find_cell(numbers[:2] if has_heading else pose, role)
+    if has_heading:
         return (*numbers[:2], wrap_heading(numbers[2]))
     return numbers
 

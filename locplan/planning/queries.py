@@ -193,12 +193,12 @@ def _parse_pose(row_location: str, values: Mapping[str, str], end: str) -> Posit
     return (*pose[:2], *map(math.radians, pose[2:]))
 
 
-def _parse_number(place: str, column: str, text: str) -> float:
+def _parse_number(row_location: str, column: str, text: str) -> float:
     """Return the finite number in a column of a row."""
     with contextlib.suppress(ValueError):
         if math.isfinite(value := float(text)):
             return value
-    raise LocplanError(f"{place}: {column} must be a finite number, not {short_repr(text)}")
+    raise LocplanError(f"{row_location}: {column} must be a finite number, not {short_repr(text)}")
 
 
 def _read_rows_by_name(

@@ -146,7 +146,7 @@ def make_plan(
         radius = format_radius(costs.robot, costs.robot_radius)
         note = f"no path joins start and goal for a robot of radius {radius}"
     if planner_result.path is not None:
-        note = "; ".join(filter(None, [note, costs.note]))
+        note = "; ".join(filter(None, [note, costs.estimator_note]))
     metrics = None if planner_result.path is None else path_metrics(costs, planner_result.path)
     return Plan(
         status=planner_result.status,

@@ -163,10 +163,12 @@ def find_ambiguous_places(
     )
     ranges = database.simulate_scans(poses)
 
-    def compare(scan_numbers: Ints) -> list[tuple[float, float]]:
+    def compare_batch(scan_numbers: Ints) -> list[tuple[float, float]]:
         return [_compare_with_other_places(database, ranges[n], poses[n]) for n in scan_numbers]
 
-    values = np.array(run_in_batches(compare, len(poses), workers, progress)).reshape(-1, count, 2)
+    values = np.array(run_in_batches(compare_batch, len(poses), workers, progress)).reshape(
+        -1, count, 2
+    )
     return AmbiguousPlaces(
         np.column_stack(grid.grid_to_world(positions[:, 1], positions[:, 0])),
         values[..., 0].min(axis=1),

@@ -81,7 +81,7 @@ def read_bag(
         of = f"{rows.n_resampled} of {len(rows)}"
         notes.append(f"scans of other angles were brought to those of the first ({of})")
     lidar = rows.make_lidar(scan_poses.mount, scan_poses.upside_down)
-    ranges = rows.finish([scans.order[n] for n in usable_scans])
+    ranges = rows.take_rows([scans.order[n] for n in usable_scans])
     if scan_poses.upside_down:
         ranges = ranges[:, ::-1]
     ranges.setflags(write=False)
@@ -408,7 +408,9 @@ class BagPoses:
         elif not is_located.any():
             pose_topic = self.topics.get(poses_from)
             begin, end = (
-                (pose_topic.track.begin, pose_topic.track.end) if pose_topic else self.tree.clock
+                (pose_topic.track.begin, pose_topic.track.end)
+                if pose_topic
+                else self.tree.moving_time_range
             )
             raise RecordingError(
                 f"no scan has a pose: {poses_from} is known from {begin:.3f} to {end:.3f} s, and"
@@ -521,7 +523,7 @@ class BagPoses:
         return (x, y, yaw), bool(up[0] < 0)
 
     def _find_poses(
-        self, base: str, reported: Floats | None, odometry_from: str
+        self, base: str, reported: Floats | None, odometry_source: str
     ) -> tuple[Floats, str, str]:
         """Return the robot's poses at the scans, their source, and their frame.
 
@@ -542,10 +544,10 @@ class BagPoses:
         is_expected = frame in tree.frames or self.options.map_frame != ReadOptions.map_frame
         if topic is None and reported is not None and not is_expected:
             self.notes.append(
-                f"there are no poses on the map: those of odometry ({odometry_from}) are taken, in"
+                f"there are no poses on the map: those of odometry ({odometry_source}) are taken, in"
                 " their own frame"
             )
-            return reported[self.scan_time_indices], odometry_from, ""
+            return reported[self.scan_time_indices], odometry_source, ""
         if topic is None:
             raise self._make_no_poses_error(base)
         pose_topic = self.topics[topic]

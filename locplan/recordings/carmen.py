@@ -70,7 +70,7 @@ def read_carmen(path: Path, options: ReadOptions) -> Recording:
     lines = np.array(scan_lines.lines).reshape(-1, 7)
     poses, reported, mount = _derive_poses(lines, scan_lines.last_odometry, log)
     lidar = scan_lines.rows.make_lidar(options.mount or mount, upside_down=False)
-    ranges = scan_lines.rows.finish(range(len(scan_lines.rows)))
+    ranges = scan_lines.rows.take_rows(range(len(scan_lines.rows)))
     min_range, max_range = options.range_limits or (0.0, scan_lines.greatest)
     if not 0 < max_range <= MAX_RANGE:
         max_range = _estimate_max_range(ranges)

@@ -22,7 +22,7 @@ from locplan._support.intervals import (
     estimate_block_mean,
     format_decimal,
     format_ratio,
-    rank,
+    compute_rank_statistics,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import move_ends_to_poses
@@ -291,7 +291,9 @@ def compute_agreement(
     direction_error = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
     elongated = (major > 3 * minor).astype(float)  # the direction of a round ellipse is arbitrary
     return PredictionAgreement(
-        rank([criterion], [major], BootstrapResamples([resamples], np.ones((len(resamples), 1)))),
+        compute_rank_statistics(
+            [criterion], [major], BootstrapResamples([resamples], np.ones((len(resamples), 1)))
+        ),
         estimate_block_mean((direction_error < math.radians(15)).astype(float), blocks, elongated),
         Interval(*np.exp(estimate_block_mean(np.log(predicted_major / major), blocks)).tolist()),
     )

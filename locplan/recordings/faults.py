@@ -65,7 +65,7 @@ class ScanSteps:
     """Mask of steps at which several motions score well, as along corridors, (k,)."""
 
     @property
-    def is_judged(self) -> Bools:
+    def is_compared(self) -> Bools:
         """Mask of the compared steps, with enough returns and a small turn, (k,)."""
         return np.isfinite(self.scores)
 
@@ -75,7 +75,7 @@ class ScanSteps:
         return np.asarray(np.hypot(*(self.measured - self.reported)[:, :2].T))
 
     @property
-    def is_contradicted(self) -> Bools:
+    def is_contradicted_by_scans(self) -> Bools:
         """Mask of the steps at which the scans contradict odometry, (k,)."""
         turn_error = np.abs(self.measured[:, 2] - self.reported[:, 2])
         # A motion at the edge of the lattice is unreliable: the true turn lies outside.
@@ -88,7 +88,7 @@ class ScanSteps:
     @property
     def motions(self) -> Floats:
         """Motions by the scans if they contradict odometry, otherwise by odometry, (k, 3)."""
-        return np.where(self.is_contradicted[:, None], self.measured, self.reported)
+        return np.where(self.is_contradicted_by_scans[:, None], self.measured, self.reported)
 
 
 def measure_steps(recording: Recording) -> ScanSteps:
@@ -501,8 +501,8 @@ def find_recording_faults(
         )
     jumps, resets = find_odometry_jumps(odometry, recording.times)
     steps = measure_steps(recording)
-    is_judged = steps.is_judged & ~_merge_scan_step_mask(jumps, steps.scans)
-    disagree = steps.is_contradicted & is_judged
+    is_judged = steps.is_compared & ~_merge_scan_step_mask(jumps, steps.scans)
+    disagree = steps.is_contradicted_by_scans & is_judged
     moves_back = (steps.motions[:, 0] < BACK) & is_judged
     is_reversed = disagree & moves_back & (steps.reported[:, 0] > FORWARD)
     return RecordingFaults(

@@ -341,7 +341,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     """
     grid, best = location.grid, location.best
     width, height = compute_figure_size(grid)
-    on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
+    on_robot = location.lidar.compute_ends_on_robot(location.ranges[None].astype(np.float32))
     ends = move_ends_to_poses(on_robot, np.array([best.pose]))[0]
     end_distances = np.hypot(*(ends - np.array(best.pose[:2])).T)
     # Minimum distance from the robot to the edges of the close-up [m].

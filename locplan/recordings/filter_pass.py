@@ -79,9 +79,9 @@ def make_beam_model(sigma: float, n_effective_beams: float) -> Any:
 
     `n_effective_beams` is the number of independent beams, `sigma` their standard deviation [m].
     """
-    from locplan.recordings.kernels.least_squares import Beams
+    from locplan.recordings.kernels.least_squares import BeamMixture
 
-    return Beams(sigma, ANYWHERE, n_effective_beams, UNEXPLAINED)
+    return BeamMixture(sigma, ANYWHERE, n_effective_beams, UNEXPLAINED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class FilterPass:
 
         Intermediate results are saved in `folder`, so that an interrupted pass resumes.
         """
-        from locplan.recordings.kernels.trajectory import sample_backwards
+        from locplan.recordings.kernels.trajectory import sample_trajectories_backwards
 
         count = len(self.ways)
         clouds = np.empty((count, 3, PARTICLES), np.float32)
@@ -118,7 +118,9 @@ class FilterPass:
         n_done = self._read_blocks(folder, clouds, best_fits)
         for k in range(count):
             if k >= n_done:
-                clouds[k], best_fits[k] = self._update(k, clouds[k - 1], best_fits[:k], n_poor)
+                clouds[k], best_fits[k] = self._process_scan(
+                    k, clouds[k - 1], best_fits[:k], n_poor
+                )
                 if folder and (k + 1) % BLOCK == 0:
                     self._write_block(folder, k + 1, clouds, best_fits)
             n_poor = n_poor + 1 if best_fits[k] < _compute_poor_fit_threshold(best_fits[:k]) else 0
@@ -126,38 +128,40 @@ class FilterPass:
         samples = np.empty((TRAJECTORIES, count, 3))
         random = make_generator(self.seed, SMOOTH, self.number, count)
         kidnapped = self.walls.kidnap_density
-        sample_backwards(random, clouds, self.ways, self.deviations, kidnapped, samples)
+        sample_trajectories_backwards(
+            random, clouds, self.ways, self.deviations, kidnapped, samples
+        )
         return samples
 
-    def _update(
-        self, k: int, cloud: Singles, earlier_fits: Floats, n_poor: int
+    def _process_scan(
+        self, scan_number: int, cloud: Singles, earlier_fits: Floats, n_poor_scans: int
     ) -> tuple[Singles, float]:
-        """Move a cloud of particles to scan `k`, weigh it by the scan, and resample it.
+        """Move a cloud of particles to scan `scan_number`, weigh it by the scan, and resample it.
 
-        If no particle fits, more particles are tried, then the whole map is searched. `n_poor` is
+        If no particle fits, more particles are tried, then the whole map is searched. `n_poor_scans` is
         the number of consecutive previous scans with a poor fit. Returns the new cloud and its
         best fit.
         """
         from locplan.recordings.kernels.trajectory import resample_evenly
 
         random, poor = (
-            make_generator(self.seed, SMOOTH, self.number, k),
+            make_generator(self.seed, SMOOTH, self.number, scan_number),
             _compute_poor_fit_threshold(earlier_fits),
         )
         for size in (PARTICLES, 4 * PARTICLES, MAX_PARTICLES):
-            poses = self._predict_particles(random, k, cloud, size)
-            fits = self._compute_fits(k, poses)
+            poses = self._predict_particles(random, scan_number, cloud, size)
+            fits = self._compute_fits(scan_number, poses)
             weights = _compute_particle_weights(fits)
             effective = weights.sum() ** 2 / (weights**2).sum()
             is_poor = fits.max() < poor
             # 150 effective particles suffice.
-            if k == 0 or (effective >= 150.0 and not is_poor):
+            if scan_number == 0 or (effective >= 150.0 and not is_poor):
                 break
         # Search the whole map at every third poor scan, and if no particle explains the scan.
-        if k and is_poor and (n_poor % 3 == 2 or fits.max() < UNEXPLAINED):
-            map_poses, count = self._draw_on_whole_map(random, k, 1000), poses.shape[1]
+        if scan_number and is_poor and (n_poor_scans % 3 == 2 or fits.max() < UNEXPLAINED):
+            map_poses, count = self._draw_on_whole_map(random, scan_number, 1000), poses.shape[1]
             poses = np.ascontiguousarray(np.concatenate([poses, map_poses], axis=1))
-            fits = np.concatenate([fits, self._compute_fits(k, map_poses)])
+            fits = np.concatenate([fits, self._compute_fits(scan_number, map_poses)])
             weights = _compute_particle_weights(fits)
             # Poses from the whole map have a low prior.
             weights[count:] *= math.exp(-14.0) * count / map_poses.shape[1]
@@ -218,7 +222,7 @@ class FilterPass:
         with replace_file(self._block_file(folder, n_done)) as file:
             scans = slice(n_done - BLOCK, n_done)
             block: dict[str, NDArray[Any]] = {"clouds": clouds[scans], "best": best_fits[scans]}
-            write_arrays(file, block, plain=block)
+            write_arrays(file, block, uncompressed_names=block)
 
     def _read_blocks(self, folder: Path | None, clouds: Singles, best_fits: Floats) -> int:
         """Read the blocks of an interrupted pass; return the number of their scans."""

@@ -58,31 +58,31 @@ AGREE = 0.5
 """Minimum share of correct locations among certain ones, and of fitting scans, to trust the map."""
 
 
-def format_drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
+def format_drive_sentence(is_certain: Bools, is_fitting: Bools, is_right: Bools | None) -> str:
     """Return a text with the number of located scans, and of correct ones among the certain ones.
 
-    The masks are fields of `LocatedDrive`; `right` is None without recorded poses.
+    The masks are fields of `LocatedDrive`; `is_right` is None without recorded poses.
     """
-    count = len(certain)
+    count = len(is_certain)
     limits = f"{NEAR:g} m and {np.degrees(MAX_TURN):.0f}°"
     certainty_text = f"have no second place within {CERTAIN:g} nats"
-    if right is not None:
+    if is_right is not None:
         text = (
-            f"{int(right.sum())} of {count} scans are located within {limits} of the recorded pose."
-            f" {int(certain.sum())} {certainty_text}, and {int((right & certain).sum())} of these"
+            f"{int(is_right.sum())} of {count} scans are located within {limits} of the recorded pose."
+            f" {int(is_certain.sum())} {certainty_text}, and {int((is_right & is_certain).sum())} of these"
             " are right."
         )
-        if certain.any() and right[certain].mean() < AGREE:
+        if is_certain.any() and is_right[is_certain].mean() < AGREE:
             return text + (
                 " The recorded poses hardly agree with the map: check that they are in its frame,"
                 " and how the lidar is mounted."
             )
     else:
-        n_certain = int(certain.sum())
+        n_certain = int(is_certain.sum())
         text = f"{n_certain} of {count} scans {certainty_text}. The drive has no poses on the map."
-    if fits.mean() < AGREE:
+    if is_fitting.mean() < AGREE:
         text += (
-            f" Careful: only {int(fits.sum())} of {count} scans have most of their returns at"
+            f" Careful: only {int(is_fitting.sum())} of {count} scans have most of their returns at"
             " walls: people, changes, or the map of another place."
         )
     return text
@@ -348,13 +348,13 @@ class LocatedDrive(Result):
         """Return a row per scan: the best pose, and its distance from the recorded pose."""
         drive, unknown = self.recording, (math.nan,) * 8
         times = np.full(len(drive), np.nan) if drive.times is None else drive.times - drive.times[0]
-        recorded_columns = np.column_stack([drive.poses, self.distance, self.turn]).tolist()
+        recorded_rows = np.column_stack([drive.poses, self.distance, self.turn]).tolist()
         rows = []
         for n, scan_location in enumerate(self.locations):
-            location_columns = unknown
+            location_values = unknown
             if scan_location is not None:
                 best = scan_location.best
-                location_columns = (
+                location_values = (
                     *best.pose,
                     best.weight,
                     scan_location.second_excess,
@@ -362,7 +362,7 @@ class LocatedDrive(Result):
                     best.position_std,
                     best.heading_std,
                 )
-            rows.append((n, float(times[n]), *location_columns, *recorded_columns[n]))
+            rows.append((n, float(times[n]), *location_values, *recorded_rows[n]))
         return Table(SCANS, tuple(rows))
 
     def report(self) -> str:
@@ -382,8 +382,8 @@ class LocatedDrive(Result):
             f"The best place is {self.distance[0]:.2f} m and {math.degrees(self.turn[0]):.1f}° from"
             " the recorded pose."
         )
-        full_table = replace(modes, rows=(*modes.rows, (*recorded, *unknown)))
-        return f"{full_table}\n{_wrap_text(f'{self.single_location.sentence} {error_text}')}"
+        table_with_recorded_pose = replace(modes, rows=(*modes.rows, (*recorded, *unknown)))
+        return f"{table_with_recorded_pose}\n{_wrap_text(f'{self.single_location.sentence} {error_text}')}"
 
     def _format_errors(self) -> list[str]:
         """Return a sentence on the errors of the correct locations; empty without any."""
@@ -573,7 +573,7 @@ def locate_scan(
     from locplan.recordings.kernels.scan_losses import (
         TOP,
         find_distinct_poses,
-        fits,
+        can_robot_stand_at,
         refine_on_lattice,
     )
 
@@ -582,7 +582,7 @@ def locate_scan(
     scan = ScanOnMap(places, compared)
     starts = scan.shortlist_starts()
     scan_modes = scan.refine_starts(starts)
-    on_robot = lidar.ends_on_robot(ranges[None].astype(np.float32))
+    on_robot = lidar.compute_ends_on_robot(ranges[None].astype(np.float32))
     ends = database.select_compared_ends(on_robot[0])
     if scan_modes.n_returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
         raise NotLocatedError(
@@ -594,15 +594,17 @@ def locate_scan(
     # Refine the modes, and the best starts as well: people around the robot can lead the first
     # refinement, which has a wide standard deviation, away from the true pose.
     poses = np.concatenate([scan_modes.poses[:150], starts[:20]])
-    tables, lever, step = places.tables, scan.lever, max(STEP / resolution, 1.0)
+    tables, lever, step = places.tables, scan.turn_lever, max(STEP / resolution, 1.0)
     losses = np.array(
         [
             refine_on_lattice(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose)
             for pose in poses
         ]
     )
-    losses *= database.nats_a_loss / TOP
-    stands = np.array([fits(places.tables, *pose[:2]) for pose in poses.tolist()], bool)
+    losses *= database.max_loss_nats / TOP
+    stands = np.array(
+        [can_robot_stand_at(places.tables, *pose[:2]) for pose in poses.tolist()], bool
+    )
     if not stands.any():
         raise NotLocatedError("the robot fits at no place that explains the scan; lower clearance")
     poses, losses = poses[stands], losses[stands]
@@ -635,13 +637,16 @@ def locate_scan(
 
 def _compute_explained_share(places: RangeDatabase, ends: Singles, pose: Floats) -> float:
     """Compute the share of ends within two standard deviations of a wall at a pose on the map."""
-    from locplan.recordings.kernels.scan_losses import TOP, loss_at
+    from locplan.recordings.kernels.scan_losses import TOP, compute_loss_at_pose
 
     tables, z_rand = places.tables, places.matching.z_rand
     # A wall explains a beam that ends within two standard deviations.
     max_loss = TOP * math.log((1 - z_rand) * math.exp(-0.5 * 2.0**2) + z_rand) / math.log(z_rand)
     last = len(tables.corners) - 1
-    losses = [loss_at(tables, last, ends[:, [n]], *pose.tolist()) for n in range(ends.shape[1])]
+    losses = [
+        compute_loss_at_pose(tables, last, ends[:, [n]], *pose.tolist())
+        for n in range(ends.shape[1])
+    ]
     return float(np.mean(np.array(losses) <= max_loss))
 
 

@@ -223,7 +223,7 @@ class ScanRows:
         row[~self._lidar.has_return(row)] = np.inf
         self._count += 1
 
-    def finish(self, order: Sequence[int]) -> NDArray[np.float32]:
+    def take_rows(self, order: Sequence[int]) -> NDArray[np.float32]:
         """Return the scans in this order, (n, beams); no scan can be added afterwards."""
         rows, self._rows = self._rows, np.empty((0, 0), np.float32)
         if (np.diff(order) < 0).any():

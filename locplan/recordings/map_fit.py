@@ -352,7 +352,7 @@ def fit_to_map(
     )
     if best <= share:
         move, best = (0.0, 0.0, 0.0), share
-    mount = _find_mount(grid, near, sample, best) if best < MIN_FIT_SHARE else ""
+    mount = _find_actual_mount(grid, near, sample, best) if best < MIN_FIT_SHARE else ""
     ranges = (
         None
         if best >= MIN_FIT_SHARE or mount
@@ -415,7 +415,7 @@ def _find_lidar_fault(recording: Recording, grid: OccupancyGrid) -> str:
     distance, near = find_cells_near_walls(grid)
     sample = _select_beam_sample(recording)
     share = _compute_share_near_walls(grid, near, sample.ends())
-    mount = _find_mount(grid, near, sample, share)
+    mount = _find_actual_mount(grid, near, sample, share)
     ranges = None if mount else _find_explaining_range_fit(grid, near, recording)
     if not mount and ranges is None:
         return ""
@@ -532,7 +532,7 @@ def _move_origin(grid: OccupancyGrid, move: Move) -> Move:
     return cos * u + sin * v, cos * v - sin * u, float(wrap_angles(yaw - turn))
 
 
-def _find_mount(
+def _find_actual_mount(
     grid: OccupancyGrid, is_near_wall: NDArray[np.bool_], sample: _BeamSample, best_share: float
 ) -> str:
     """Find a different mount of the lidar that explains the scans; empty if there is none."""

@@ -19,7 +19,7 @@ from locplan._support.checks import (
     check_number,
     check_positive,
     set_frozen_fields,
-    setting,
+    checked_setting,
 )
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
 from locplan._support.poses import make_rotation_matrix, move_ends_to_poses, wrap_angles
@@ -55,16 +55,16 @@ class MatchingSettings(Settings):
 
     lidar: Lidar
     """The lidar with its range, field of view and mount; its number of beams is not used."""
-    global_effective_beams: float = setting(GLOBAL_EFFECTIVE_BEAMS, check_positive, "beams")
+    global_effective_beams: float = checked_setting(GLOBAL_EFFECTIVE_BEAMS, check_positive, "beams")
     """Number of independent beams in a full circle, above 0."""
-    sigma_hit: float = setting(0.1, check_positive, "m")
+    sigma_hit: float = checked_setting(0.1, check_positive, "m")
     """Standard deviation of the distance between a beam's end and a wall [m], above 0; at least a
     cell is used."""
-    z_rand: float = setting(0.05, check_positive)
+    z_rand: float = checked_setting(0.05, check_positive)
     """Share of beams that end anywhere, above 0 and below 1."""
-    robot_radius: float = setting(0.25, 0.0)
+    robot_radius: float = checked_setting(0.25, 0.0)
     """Minimum distance of a pose from walls [m], >= 0."""
-    shortlisted: int = setting(600, 1, 100_000)
+    shortlisted: int = checked_setting(600, 1, 100_000)
     """Number of pairs of a place and a turn to refine, before similar pairs are dropped, 1 to
     100,000."""
 
@@ -129,7 +129,7 @@ class MatchingSettings(Settings):
         return self.lidar.to_kernel_settings()._replace(angles=self.bearings, **mounted)
 
     @property
-    def nats_a_loss(self) -> float:
+    def max_loss_nats(self) -> float:
         """Maximum loss of one beam [nats]."""
         return -math.log(self.z_rand) * self.global_effective_beams / TURNS
 
@@ -259,7 +259,7 @@ class ScanMatcher:
         poses : (n, 3) array
             Poses in the world, on the map [m, m, rad].
         """
-        from locplan.recordings.kernels.matches import recorded_posteriors
+        from locplan.recordings.kernels.matches import write_recorded_posteriors
 
         count, compared = len(poses), self.settings.nearest_beam_indices
         ends = move_ends_to_poses(on_robot[:, compared], poses)
@@ -272,7 +272,7 @@ class ScanMatcher:
         best, summary = np.zeros((count, 3), np.int64), np.empty((count, 3))
         posterior_arrays = mean, covariance, best, summary
         field, lattice = self.kernel_arguments
-        recorded_posteriors(
+        write_recorded_posteriors(
             field, lattice, cells, from_cell, self.settings.temperature, *posterior_arrays
         )
         turn, steps = make_rotation_matrix(self.grid.origin[2]), self.window.steps
@@ -311,7 +311,7 @@ class RangeDatabase:
     """Empty squares around the map's cells, in the form of the kernels."""
 
     @cached_property
-    def lever(self) -> tuple[float, float]:
+    def lidar_position(self) -> tuple[float, float]:
         """Position of the lidar in the robot's frame, forward and left [cells]."""
         lidar, resolution = self.matching.lidar, self.grid.resolution
         return lidar.mount_x / resolution, lidar.mount_y / resolution
@@ -459,8 +459,10 @@ def _pick_cell_per_block(is_marked: Bools, block_edge: int) -> Floats:
     ) ** 2
     order = np.lexsort([offsets, block])  # equally near cells keep the order of their rows
     block = block[order]
-    middle_cells = order[np.concatenate([block[:1] >= 0, block[1:] != block[:-1]])]
-    return np.column_stack([cols[middle_cells], rows[middle_cells]]).astype(np.float64)
+    middle_cell_indices = order[np.concatenate([block[:1] >= 0, block[1:] != block[:-1]])]
+    return np.column_stack([cols[middle_cell_indices], rows[middle_cell_indices]]).astype(
+        np.float64
+    )
 
 
 def _find_lidar_cells(grid: OccupancyGrid, matching: MatchingSettings, can_stand: Bools) -> Bools:
@@ -545,11 +547,11 @@ class ScanDatabase:
         return ScanMatcher.for_lidar(self.grid, self.lidar)
 
     @cached_property
-    def nats_a_loss(self) -> float:
+    def max_loss_nats(self) -> float:
         """Maximum loss of one compared beam [nats]."""
         matching = self.full_database.matching
         beams = len(self.matcher.settings.nearest_beam_indices)
-        return matching.nats_a_loss * float(matching.is_in_view.sum()) / beams
+        return matching.max_loss_nats * float(matching.is_in_view.sum()) / beams
 
     def select_compared_ends(self, on_robot: Floats) -> Singles:
         """Select the returns among the beams that `locplan.Scan` compares, (2, k) [cells].
@@ -692,7 +694,7 @@ class ScanOnMap:
     the field of view."""
 
     @cached_property
-    def returns(self) -> Bools:
+    def has_return(self) -> Bools:
         """Mask of the beams with a return, (96,)."""
         return np.isfinite(self.ranges)
 
@@ -700,16 +702,16 @@ class ScanOnMap:
     def ends(self) -> Singles:
         """Ends of the returns in the robot's frame, forward and left, (2, k) [cells]."""
         database = self.database
-        bearing = database.matching.bearings[self.returns]
-        distances = self.ranges[self.returns] / database.grid.resolution
-        forward, left = database.lever
+        bearing = database.matching.bearings[self.has_return]
+        distances = self.ranges[self.has_return] / database.grid.resolution
+        forward, left = database.lidar_position
         ends = np.array([forward + distances * np.cos(bearing), left + distances * np.sin(bearing)])
         return ends.astype(np.float32)
 
     @cached_property
-    def lever(self) -> float:
+    def turn_lever(self) -> float:
         """Root mean square of the ranges, to compare turns with shifts [cells]."""
-        distances = self.ranges[self.returns] / self.database.grid.resolution
+        distances = self.ranges[self.has_return] / self.database.grid.resolution
         return max(1.0, math.sqrt(float((distances**2).mean())))
 
     @property
@@ -717,7 +719,7 @@ class ScanOnMap:
         """Size of one step of the kernels' losses [nats]."""
         from locplan.recordings.kernels.scan_losses import TOP
 
-        return self.database.matching.nats_a_loss / TOP
+        return self.database.matching.max_loss_nats / TOP
 
     def find_modes(self, home: Floats | None = None) -> ScanModes:
         """Find the modes of the scan on the whole map.
@@ -731,10 +733,10 @@ class ScanOnMap:
 
     def shortlist_starts(self) -> Floats:
         """Select the poses whose expected ranges are most similar to the scan, (n, 3)."""
-        from locplan.recordings.kernels.matches import shortlist
+        from locplan.recordings.kernels.matches import find_best_place_turn_pairs
         from locplan.recordings.kernels.scan_losses import find_distinct_poses
 
-        database, returns = self.database, self.returns
+        database, returns = self.database, self.has_return
         matching, resolution = database.matching, database.grid.resolution
         if returns.sum() < MIN_RETURNS:
             return np.empty((0, 3))
@@ -744,10 +746,12 @@ class ScanOnMap:
         codes = database.encode_ranges(self.ranges)[compared]
         count = len(database.positions)
         # The cost of a beam is bounded at a difference of eight codes, half a metre.
-        _, pairs = shortlist(database.codes, count, compared, codes, 8, matching.shortlisted)
+        _, pairs = find_best_place_turn_pairs(
+            database.codes, count, compared, codes, 8, matching.shortlisted
+        )
         place, turn = np.divmod(pairs, TURNS)
         heading = turn * STEP
-        forward, left = database.lever
+        forward, left = database.lidar_position
         cos, sin = np.cos(heading), np.sin(heading)
         levers = np.column_stack([cos * forward - sin * left, sin * forward + cos * left])
         starts = np.column_stack([database.positions[place] - levers, heading])
@@ -769,14 +773,14 @@ class ScanOnMap:
         from locplan.recordings.kernels.scan_losses import find_modes
 
         resolution = self.database.grid.resolution
-        count = int(self.returns.sum())
+        count = int(self.has_return.sum())
         if count < MIN_RETURNS:
             return ScanModes(np.empty((0, 3)), np.empty(0), count)
         poses, losses = find_modes(
             self.database.tables,
             self.ends,
             starts if home is None else np.concatenate([home[None], starts]),
-            self.lever,
+            self.turn_lever,
             MAX_MODE_EXCESS / self._nats_per_step,
             8 / self._nats_per_step,  # maximum gain of the first refinement
             np.full(2, np.nan) if home is None else home[:2],

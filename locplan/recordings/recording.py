@@ -240,7 +240,7 @@ class Recording:
 
     def ends_on_robot(self) -> Floats:
         """Return the beams' ends in the robot's frame, (n, beams, 2) [m]; NaN without a return."""
-        return self.lidar.ends_on_robot(self.ranges)
+        return self.lidar.compute_ends_on_robot(self.ranges)
 
     def ends(self) -> Floats:
         """Return the beams' ends in the map's frame, (n, beams, 2) [m]; NaN without a return."""

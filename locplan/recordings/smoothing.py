@@ -145,7 +145,7 @@ def smooth(
     key_poses, is_bridged = keys.bridge_excursions(keys.find_likeliest_trajectory(candidates))
     scatter = _compute_scatter(keys, key_poses, candidates)
     chain, poses, key_of_scan = _interpolate_between_key_scans(drive, keys, key_poses)
-    chain, poses = _refine_all(chain, poses)
+    chain, poses = _refine_all_poses(chain, poses)
     fits = chain.compute_fits(poses[None])[0]
     covariances = _compute_covariances(grid, chain, poses, fits)
     doubts = _find_doubts(
@@ -215,7 +215,7 @@ class _DriveOnMap:
         beams = np.unique(np.linspace(0, lidar.beams - 1, SCAN_BEAMS).astype(np.int64))
         # In blocks of scans, which saves memory.
         blocks = (ranges[n : n + 256] for n in range(0, len(ranges), 256))
-        ends = np.concatenate([lidar.ends_on_robot(block)[:, beams] for block in blocks])
+        ends = np.concatenate([lidar.compute_ends_on_robot(block)[:, beams] for block in blocks])
         return cls(grid, recording, WallDistances(grid), database, odometry, ends)
 
     def choose_key_scans(self) -> Ints:
@@ -336,7 +336,7 @@ def _interpolate_between_key_scans(
     return replace(chain, jumps=tuple(jumps)), forth, before
 
 
-def _refine_all(chain: ScanChain, poses: Floats) -> tuple[ScanChain, Floats]:
+def _refine_all_poses(chain: ScanChain, poses: Floats) -> tuple[ScanChain, Floats]:
     """Refine all poses by least squares, alternating with the error model of odometry."""
     poses = chain.refine(poses, 15)
     for _ in range(2):
@@ -449,13 +449,13 @@ class ScanChain:
         deviations[list(self.jumps)] = np.inf
         return DriveScans(self.ends, shares, self.model.correct_ways(self.moves), deviations)
 
-    def refine(self, poses: Floats, rounds: int) -> Floats:
+    def refine(self, poses: Floats, n_rounds: int) -> Floats:
         """Refine poses by rounds of least squares."""
         from locplan.recordings.kernels.least_squares import refine_poses
 
         poses = np.array(poses)
         beams = make_beam_model(FINE, FINE_BEAMS)
-        refine_poses(self.walls.distances, beams, self._kernel_scans, poses, rounds)
+        refine_poses(self.walls.distances, beams, self._kernel_scans, poses, n_rounds)
         return poses
 
     def refine_samples(self, samples: Floats) -> Floats:
@@ -651,14 +651,18 @@ def load_or_smooth(
     )
     check_grid(grid)
 
-    def compute(parts: Path | None) -> Trajectory:
-        return smooth(grid, recording, robot, start, folder=parts, seed=seed, progress=progress)
+    def compute_trajectory(parts_folder: Path | None) -> Trajectory:
+        return smooth(
+            grid, recording, robot, start, folder=parts_folder, seed=seed, progress=progress
+        )
 
-    def save(file: Path, trajectory: Trajectory) -> None:
+    def save_trajectory(file: Path, trajectory: Trajectory) -> None:
         trajectory.write(file)
 
     key = _compute_digest(recording, grid, robot, start, seed)
-    trajectory = load_or_compute_result(key, Trajectory.load, compute, save, cache_dir=cache_dir)
+    trajectory = load_or_compute_result(
+        key, Trajectory.load, compute_trajectory, save_trajectory, cache_dir=cache_dir
+    )
     # The names are not in the digest.
     return replace(trajectory, grid=grid, map=grid.name, drive=recording.source.file)
 

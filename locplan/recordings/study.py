@@ -124,7 +124,9 @@ class RecordingReport(Result):
         """Return a row per scan with the ground truth; empty without a map."""
         return self.trajectory.table() if self.trajectory else Table((), ())
 
-    def save(self, folder: str | os.PathLike[str], *related: Any, force: bool = False) -> None:
+    def save(
+        self, folder: str | os.PathLike[str], *related_results: Any, force: bool = False
+    ) -> None:
         """Write the recording for other commands, or a folder with all results.
 
         Parameters
@@ -133,7 +135,7 @@ class RecordingReport(Result):
             A file .npz, which gets the recording with its ground truth alone; or a folder, which
             gets drive.npz, recording.json, and with a map poses.csv, poses.tum (time, x, y, z,
             quaternion, as evo reads them), recording.png and robot.yaml.
-        *related
+        *related_results
             Nothing: the report is complete.
         force : bool, default False
             True also replaces files that locplan did not write.
@@ -182,7 +184,7 @@ def make_recording_output(target: Path, *, force: bool = False) -> ResultOutput:
         raise LocplanError(
             f"{target}: must end in .npz, or be a folder, which gets poses.csv and poses.tum"
         )
-    return RecordingReport.files.into(target, force=force)
+    return RecordingReport.files.make_output(target, force=force)
 
 
 def study_recording(

@@ -511,7 +511,7 @@ class Trajectory(Result, StoredResult):
         }
         return Table(tuple(values), tuple(zip(*(v.tolist() for v in values.values()), strict=True)))
 
-    def _write(self, folder: Path, *related: Any) -> None:
+    def _write(self, folder: Path, *related_results: Any) -> None:
         self.write(folder / "trajectory.npz")
         self.table().write_csv(folder / "poses.csv")
         self.write_tum(folder / "poses.tum")

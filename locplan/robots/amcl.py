@@ -6,7 +6,12 @@ import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
-from locplan._support.checks import Settings, check_positive, describe_changed_settings, setting
+from locplan._support.checks import (
+    Settings,
+    check_positive,
+    describe_changed_settings,
+    checked_setting,
+)
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -119,61 +124,61 @@ class Amcl(Settings):
     60
     """
 
-    alpha1: float = setting(0.2, 0.0)
+    alpha1: float = checked_setting(0.2, 0.0)
     """Variance of a turn per square of the turn, >= 0 [1]."""
-    alpha2: float = setting(0.2, 0.0)
+    alpha2: float = checked_setting(0.2, 0.0)
     """Variance of a turn per square of the distance driven in an update, >= 0 [rad^2 / m^2]."""
-    alpha3: float = setting(0.2, 0.0)
+    alpha3: float = checked_setting(0.2, 0.0)
     """Variance of the distance per square of the distance, >= 0 [1]."""
-    alpha4: float = setting(0.2, 0.0)
+    alpha4: float = checked_setting(0.2, 0.0)
     """Variance of the distance per square of the turn, >= 0 [m^2 / rad^2]."""
-    alpha5: float = setting(0.2, 0.0)
+    alpha5: float = checked_setting(0.2, 0.0)
     """Variance of a shift to the side per square of the distance, >= 0 [1]; only an omnidirectional
     robot has it."""
     robot_model_type: Literal[
         "nav2_amcl::DifferentialMotionModel", "nav2_amcl::OmniMotionModel"
-    ] = setting(DIFFERENTIAL, DIFFERENTIAL, OMNIDIRECTIONAL)
+    ] = checked_setting(DIFFERENTIAL, DIFFERENTIAL, OMNIDIRECTIONAL)
     """Motion model: of a robot that drives where it heads, or of one that can drive sideways."""
-    laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = setting(
+    laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = checked_setting(
         "likelihood_field", *MODELS
     )
     """Sensor model: a weight is 1 plus the sum of cubed likelihoods, or (`_prob`) their product."""
-    laser_likelihood_max_dist: float = setting(2.0, check_positive)
+    laser_likelihood_max_dist: float = checked_setting(2.0, check_positive)
     """Maximum distance of a beam's end from a wall, above 0; larger ones count as this [m]."""
-    laser_min_range: float = setting(-1.0)
+    laser_min_range: float = checked_setting(-1.0)
     """Range below which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
-    laser_max_range: float = setting(100.0)
+    laser_max_range: float = checked_setting(100.0)
     """Range above which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
-    max_beams: int = setting(60, 2)
+    max_beams: int = checked_setting(60, 2)
     """Approximate number of a scan's beams, evenly spaced, that are compared; at least 2."""
-    max_particles: int = setting(2000, 1, 1_000_000)
+    max_particles: int = checked_setting(2000, 1, 1_000_000)
     """Maximum number of particles, up to a million; if equal to `min_particles`, the number is
     constant."""
-    min_particles: int = setting(500, 1, 1_000_000)
+    min_particles: int = checked_setting(500, 1, 1_000_000)
     """Minimum number of particles, at least 1."""
-    pf_err: float = setting(0.05, check_positive)
+    pf_err: float = checked_setting(0.05, check_positive)
     """Maximum error that KLD sampling allows, above 0; a smaller one takes more particles."""
-    pf_z: float = setting(0.99, check_positive)
+    pf_z: float = checked_setting(0.99, check_positive)
     """Quantile of the normal distribution for KLD sampling, above 0, as in AMCL: not the
     probability."""
-    recovery_alpha_fast: float = setting(0.0, 0.0, 1.0)
+    recovery_alpha_fast: float = checked_setting(0.0, 0.0, 1.0)
     """Share by which the fast average of the particles' weights follows them, 0..1. Where it falls
     below the slow one, random particles are added; with both 0 none are."""
-    recovery_alpha_slow: float = setting(0.0, 0.0, 1.0)
+    recovery_alpha_slow: float = checked_setting(0.0, 0.0, 1.0)
     """Share by which the slow average of the particles' weights follows them, 0..1."""
-    resample_interval: int = setting(1)
+    resample_interval: int = checked_setting(1)
     """Number of updates per resampling, at least 1."""
-    sigma_hit: float = setting(0.2, check_positive)
+    sigma_hit: float = checked_setting(0.2, check_positive)
     """Standard deviation of the distance of a beam's end from a wall, above 0 [m]."""
-    update_min_a: float = setting(0.2, 0.0)
+    update_min_a: float = checked_setting(0.2, 0.0)
     """Turn after which the filter updates, >= 0 [rad]."""
-    update_min_d: float = setting(0.25, 0.0)
+    update_min_d: float = checked_setting(0.25, 0.0)
     """Distance along x or y after which the filter updates, >= 0 [m]."""
-    z_hit: float = setting(0.5, 0.0, 1.0)
+    z_hit: float = checked_setting(0.5, 0.0, 1.0)
     """Weight of beams that end at a wall, 0..1."""
-    z_rand: float = setting(0.5, 0.0, 1.0)
+    z_rand: float = checked_setting(0.5, 0.0, 1.0)
     """Weight of beams that end anywhere, 0..1; this and `z_hit` are not both 0."""
-    half_cell: bool = setting(True)
+    half_cell: bool = checked_setting(True)
     """True reads the likelihood field half a cell aside along x and y, as Nav2's AMCL does; False
     simulates a filter that reads it where the beams end."""
 
@@ -205,7 +210,7 @@ class Amcl(Settings):
         return f"AMCL's {', '.join(differences[:5])}{rest_text}"
 
     @property
-    def multiplies(self) -> bool:
+    def multiplies_likelihoods(self) -> bool:
         """True if a weight is the product of the beams' likelihoods."""
         return self.laser_model_type == "likelihood_field_prob"
 
@@ -236,7 +241,7 @@ class Amcl(Settings):
 
         return ParticleFilter(self, grid, lidar, pose, deviation, random)
 
-    def reach(self, lidar: Lidar) -> float:
+    def compute_max_range(self, lidar: Lidar) -> float:
         """Return the maximum range of a beam that counts as a return [m].
 
         Parameters
@@ -247,7 +252,7 @@ class Amcl(Settings):
         max_range = self.laser_max_range
         return min(lidar.range, max_range) if max_range > 0 else lidar.range
 
-    def beam_step(self, beams: int) -> int:
+    def compute_beam_step(self, beams: int) -> int:
         """Return n such that every n-th of a scan's beams is compared.
 
         The two sensor models thin beams out in different ways.
@@ -257,7 +262,7 @@ class Amcl(Settings):
         beams : int
             Number of beams of a scan.
         """
-        if self.multiplies:
+        if self.multiplies_likelihoods:
             return math.ceil(beams / self.max_beams)
         return max(1, (beams - 1) // (self.max_beams - 1))
 

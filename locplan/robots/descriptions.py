@@ -56,7 +56,7 @@ class RobotLinks:
         self._parents = {child: parent for parent in root.iter() for child in parent}
         self._joints = {_find_joint_link(joint, "child"): joint for joint in root.findall("joint")}
 
-    def warn(self, fault: str) -> None:
+    def warn_of_missing_mount(self, fault: str) -> None:
         """Warn that the file lacks the lidar's mount."""
         remedy = "set mount_x, mount_y and mount_yaw_deg unless the lidar sits at 0, 0, 0"
         warnings.warn(ParameterWarning(f"{self.file}: {fault}; {remedy}"), stacklevel=6)
@@ -103,7 +103,9 @@ class RobotLinks:
 
     def _warn_of_frame(self, name: _UnknownFrame) -> None:
         """Warn that the file does not have a frame."""
-        self.warn(f"has no pose of {short_repr(str(name))}, which carries the lidar")
+        self.warn_of_missing_mount(
+            f"has no pose of {short_repr(str(name))}, which carries the lidar"
+        )
 
     def _pose_on_robot(self, link: Element) -> Floats:
         """Return the pose of a link of a URDF or SDF on the base link."""
@@ -149,19 +151,21 @@ class RobotLinks:
         )
 
 
-def _pose_in_model(model: Element, part: Element, depth: int = 0) -> Floats:
+def _pose_in_model(model: Element, element: Element, depth: int = 0) -> Floats:
     """Return the pose of a link, joint, frame or nested model in its SDF model."""
     if depth > MAX_DEPTH:
         raise ConfigError(f"its frames form a circle, or a chain of over {MAX_DEPTH}")
-    pose = _parse_pose(part, f"the pose of {short_repr(part.get('name'))}")
-    default = {"frame": part.get("attached_to"), "joint": part.findtext("child")}.get(part.tag)
-    frame = (_find_reference_frame(part) or default or "").strip()
+    pose = _parse_pose(element, f"the pose of {short_repr(element.get('name'))}")
+    default = {"frame": element.get("attached_to"), "joint": element.findtext("child")}.get(
+        element.tag
+    )
+    frame = (_find_reference_frame(element) or default or "").strip()
     if frame:
         pose = compose_transforms(_frame_pose_in_model(model, frame, depth + 1), pose)
-    placed = part.get("placement_frame") if part.tag == "model" else None
+    placed = element.get("placement_frame") if element.tag == "model" else None
     if placed:
         pose = compose_transforms(
-            pose, invert_transforms(_frame_pose_in_model(part, placed, depth + 1))
+            pose, invert_transforms(_frame_pose_in_model(element, placed, depth + 1))
         )
     return pose
 
@@ -319,9 +323,9 @@ def _add_mount(lidar: Lidar, sensors: list[Element], robot_links: RobotLinks) ->
     names = ", ".join(short_repr(part.get("name")) for part in (sensors or links)[:5])
     if sensors or links:
         several = "planar lidars" if sensors else "links named like a scanner"
-        robot_links.warn(f"has {len(sensors or links)} {several} ({names})")
+        robot_links.warn_of_missing_mount(f"has {len(sensors or links)} {several} ({names})")
     else:
-        robot_links.warn("has no link named like a scanner")
+        robot_links.warn_of_missing_mount("has no link named like a scanner")
     return lidar
 
 

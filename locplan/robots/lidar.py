@@ -17,7 +17,7 @@ from locplan._support.checks import (
     check_number,
     check_positive,
     check_range,
-    setting,
+    checked_setting,
     short_repr,
 )
 from locplan.errors import ConfigError
@@ -121,30 +121,30 @@ class Lidar(Settings):
     30.0
     """
 
-    range: float = setting(12.0, check_range)
+    range: float = checked_setting(12.0, check_range)
     """Maximum distance that is measured [m], above 0 up to 10,000: that of bright walls."""
-    min_range: float = setting(0.0, 0.0)
+    min_range: float = checked_setting(0.0, 0.0)
     """Distance below which a return counts as none [m], from 0 to below `range`."""
-    field_of_view_deg: float = setting(360.0, check_positive, "deg")
+    field_of_view_deg: float = checked_setting(360.0, check_positive, "deg")
     """Angle that the beams cover, centred on `mount_yaw_deg` [deg], above 0 up to 360.
 
     Less than 360 makes what the lidar sees depend on the robot's heading.
     """
-    beams: int = setting(360, 1, MAX_BEAMS)
+    beams: int = checked_setting(360, 1, MAX_BEAMS)
     """Number of beams in the field of view, 1 to 100,000."""
     # With less noise, rounding errors would dominate a covariance.
-    range_sigma: float = setting(0.03, 1e-6)
+    range_sigma: float = checked_setting(0.03, 1e-6)
     """Standard deviation of a measured distance [m], at least 1e-6.
 
     Simulated scans and `Fisher` of ranges read it; the other estimators do not.
     """
     model: str = field(default="", compare=False)
     """Name of the lidar, for titles; it decides nothing."""
-    mount_x: float = setting(0.0)
+    mount_x: float = checked_setting(0.0)
     """Position of the lidar on the robot, ahead of its centre [m]; negative is behind it."""
-    mount_y: float = setting(0.0)
+    mount_y: float = checked_setting(0.0)
     """Position of the lidar on the robot, to the left of its centre [m]; negative is right."""
-    mount_yaw_deg: float = setting(0.0)
+    mount_yaw_deg: float = checked_setting(0.0)
     """Direction of the middle beam on the robot, counter-clockwise from ahead [deg]."""
 
     def __post_init__(self) -> None:
@@ -333,7 +333,7 @@ class Lidar(Settings):
             within = (ranges >= min_range) & (ranges > 0) & (ranges < np.float32(self.range))
         return np.asarray(within)
 
-    def ends_on_robot(self, ranges: NDArray[Any], beams: slice | None = None) -> Floats:
+    def compute_ends_on_robot(self, ranges: NDArray[Any], beams: slice | None = None) -> Floats:
         """Ends of beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none.
 
         Parameters

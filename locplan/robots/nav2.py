@@ -80,7 +80,7 @@ def list_costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[Costma
     )
     types = DEFAULT_TYPES if names == [*DEFAULT_TYPES] else {}
 
-    def layer(name: str, container: str = "") -> CostmapLayer:
+    def read_layer(name: str, container: str = "") -> CostmapLayer:
         plugin = str(costmap_parameters.get(f"{name}.plugin", types.get(name, ""))).replace(
             "/", "::"
         )
@@ -89,11 +89,11 @@ def list_costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[Costma
         )
 
     layers = []
-    for outer in map(layer, names):
+    for outer in map(read_layer, names):
         layers.append(outer)
         if outer.is_active("PluginContainerLayer"):
             inner = parameters.read_names(costmap, f"{outer.name}.plugins")
-            layers += [layer(f"{outer.name}.{name}", outer.name) for name in inner]
+            layers += [read_layer(f"{outer.name}.{name}", outer.name) for name in inner]
     return layers
 
 

@@ -303,7 +303,7 @@ class Nav2Parameters:
                 )
         return conflicts
 
-    def find_place(self, node: str, name: str) -> tuple[int, tuple[str, ...]]:
+    def locate_parameter(self, node: str, name: str) -> tuple[int, tuple[str, ...]]:
         """Return file index and keys of a parameter's effective value, or of the place to add it.
 
         Parameters
@@ -368,7 +368,7 @@ class Nav2Parameters:
             return Nav2Parameters((ParameterFile(),)).with_values(node, values)
         files = [replace(file, content=copy.deepcopy(file.content)) for file in self.files]
         for name, value in values.items():
-            at, (*path, last) = self.find_place(node, name)
+            at, (*path, last) = self.locate_parameter(node, name)
             inner = files[at].content
             for key in path:
                 if not isinstance(inner.get(key), dict):
@@ -537,7 +537,7 @@ def resolve_parameters(
             try:
                 parameters.read_names(node, name)
             except LocplanError as error:
-                at, _ = parameters.find_place(node, name)
+                at, _ = parameters.locate_parameter(node, name)
                 raise LocplanError(f"{files[at].path}: {error}") from None
     return parameters
 

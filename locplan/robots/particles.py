@@ -45,7 +45,10 @@ class ParticleFilter:
         from locplan._support.kernels.drives import AT, StartSpread, start_filter
 
         self._amcl, self._grid, self._lidar, self._random = amcl, grid, lidar, random
-        self._scores, self._settings = beam_scores(grid, amcl, lidar), filter_settings(amcl)
+        self._scores, self._settings = (
+            make_beam_scores(grid, amcl, lidar),
+            make_filter_settings(amcl),
+        )
         first = world_to_map_frame(grid, np.asarray(pose, np.float64)[None])[0]
         self._tracker = start_filter(random, first, StartSpread(*deviation), self._settings)
         self._tracker.state[AT] = RESAMPLED
@@ -95,7 +98,7 @@ class ParticleFilter:
         return np.asarray(turn @ self._covariance @ turn.T)
 
 
-def filter_settings(amcl: Amcl) -> FilterSettings:
+def make_filter_settings(amcl: Amcl) -> FilterSettings:
     """Return AMCL's parameters as the kernels take them.
 
     Parameters
@@ -141,16 +144,16 @@ def compute_compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Flo
     array
         Ends ahead and to the left of the robot; NaN without a return.
     """
-    beams = slice(None, None, amcl.beam_step(lidar.beams))
+    beams = slice(None, None, amcl.compute_beam_step(lidar.beams))
     min_range, max_range = max(lidar.min_range, amcl.laser_min_range), amcl.laser_max_range
     compared_ranges = ranges[:, beams]
     used = (compared_ranges >= min_range) & (
         compared_ranges < (max_range if max_range > 0 else math.inf)
     )
-    return lidar.ends_on_robot(np.where(used, compared_ranges, np.nan), beams)
+    return lidar.compute_ends_on_robot(np.where(used, compared_ranges, np.nan), beams)
 
 
-def beam_scores(
+def make_beam_scores(
     grid: OccupancyGrid, amcl: Amcl, lidar: Lidar, values: NDArray[np.float32] | None = None
 ) -> BeamScores:
     """Return the scores that beams add to particles on a map, as the kernels take them.
@@ -175,7 +178,7 @@ def beam_scores(
         rows=values.shape[0],
         cols=values.shape[1],
         resolution=grid.resolution,
-        product=amcl.multiplies,
+        product=amcl.multiplies_likelihoods,
         shift=1.5 if amcl.half_cell else 1.0,
         free=np.flatnonzero(grid.cells == FREE) if recovers else np.empty(0, np.int64),
     )
@@ -202,7 +205,7 @@ def compute_score_values(grid: OccupancyGrid, amcl: Amcl, lidar: Lidar) -> NDArr
     import cv2
 
     occupied = np.asarray(grid.cells == OCCUPIED, np.uint8)
-    furthest, reach = amcl.laser_likelihood_max_dist, amcl.reach(lidar)
+    furthest, reach = amcl.laser_likelihood_max_dist, amcl.compute_max_range(lidar)
     far_score = _compute_score(np.float64(furthest), amcl, reach)
     scores = np.full((grid.shape[0] + 2, grid.shape[1] + 2), far_score, np.float32)
     if occupied.any():
@@ -218,7 +221,7 @@ def _compute_score(distance: Any, amcl: Amcl, reach: float) -> Any:
     """Compute the score of a beam that ends at a distance from the nearest wall [m], float32."""
     hit = amcl.z_hit * np.exp(-(distance**2) / (2 * amcl.sigma_hit**2))
     likelihood = hit + amcl.z_rand / reach
-    if amcl.multiplies:
+    if amcl.multiplies_likelihoods:
         tiny = np.finfo(np.float32).tiny
         return np.log(np.maximum(likelihood, tiny)).astype(np.float32)
     return (likelihood**3).astype(np.float32)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.checks import Settings, check_positive, setting, short_repr
+from locplan._support.checks import Settings, check_positive, checked_setting, short_repr
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.errors import ConfigError
 from locplan.maps.grid import OccupancyGrid
@@ -33,16 +33,16 @@ class Kinematics(Settings):
     Kinematics(drive='car-like', turning_radius=1.2)
     """
 
-    drive: Literal["differential", "omnidirectional", "car-like"] = setting(
+    drive: Literal["differential", "omnidirectional", "car-like"] = checked_setting(
         "differential", "differential", "omnidirectional", "car-like"
     )
     """A differential drive turns on the spot, an omnidirectional one also moves sideways, and a
     car-like one needs a turning radius."""
-    turning_radius: float = setting(0.0, 0.0)
+    turning_radius: float = checked_setting(0.0, 0.0)
     """Minimum turning radius, above 0 for a car-like robot, otherwise 0 [m]."""
-    reverse: bool = setting(True)
+    reverse: bool = checked_setting(True)
     """True if the robot can also drive in reverse."""
-    speed: float = setting(0.5, check_positive)
+    speed: float = checked_setting(0.5, check_positive)
     """Usual speed, above 0 [m/s]."""
 
     def __post_init__(self) -> None:
@@ -69,9 +69,9 @@ class Inflation(Settings):
     10.0
     """
 
-    inflation_radius: float = setting(0.55, 0.0)
+    inflation_radius: float = checked_setting(0.55, 0.0)
     """Distance from walls up to which cells cost more, >= 0 [m]."""
-    cost_scaling_factor: float = setting(10.0, check_positive)
+    cost_scaling_factor: float = checked_setting(10.0, check_positive)
     """Decay of the cost with the distance, above 0 [1/m]."""
 
 
@@ -97,20 +97,20 @@ class Odometry(Settings):
     Odometry(distance_drift=0.05)
     """
 
-    distance_drift: float = setting(0.02, 0.0)
+    distance_drift: float = checked_setting(0.02, 0.0)
     """Standard deviation of the reported distance after 1 m, >= 0 [m]; it grows with the root of
     the distance."""
-    heading_drift_deg: float = setting(1.0, 0.0)
+    heading_drift_deg: float = checked_setting(1.0, 0.0)
     """Standard deviation of the reported heading after 1 m, >= 0 [deg]; it grows with the root of
     the distance."""
-    turn_drift_deg: float = setting(1.0, 0.0)
+    turn_drift_deg: float = checked_setting(1.0, 0.0)
     """Standard deviation of the reported heading after a turn of 1 rad, >= 0 [deg]; it grows with
     the root of the turn."""
-    distance_bias: float = setting(0.02, 0.0)
+    distance_bias: float = checked_setting(0.02, 0.0)
     """Standard deviation, from drive to drive, of the factor on reported distances, >= 0 [1]."""
-    heading_bias_deg: float = setting(1.0, 0.0)
+    heading_bias_deg: float = checked_setting(1.0, 0.0)
     """Standard deviation, from drive to drive, of a reported bend to one side, >= 0 [deg/m]."""
-    turn_bias: float = setting(0.02, 0.0)
+    turn_bias: float = checked_setting(0.02, 0.0)
     """Standard deviation, from drive to drive, of the factor on reported turns, >= 0 [1]."""
 
     def to_kernel_settings(self) -> Any:
@@ -145,21 +145,21 @@ class Disturbances(Settings):
     8
     """
 
-    boundary_noise: float = setting(0.1, 0.0, 1.0)
+    boundary_noise: float = checked_setting(0.1, 0.0, 1.0)
     """Share of the cells between free space and walls in which the world differs from the map,
     0..1; raise it where furniture is moved or the map is old."""
-    worlds: int = setting(8, 1, 1000)
+    worlds: int = checked_setting(8, 1, 1000)
     """Number of such worlds, which single scans take in turn, 1 to 1000; a drive has its own."""
-    outliers: float = setting(0.04, 0.0, 1.0)
+    outliers: float = checked_setting(0.04, 0.0, 1.0)
     """Share of the beams that end at a random distance within the range, 0..1."""
-    occlusion: float = setting(0.2, 0.0, 1.0)
+    occlusion: float = checked_setting(0.2, 0.0, 1.0)
     """Share of the scans in which an object stands in view of the lidar, 0.5 to 2 m away, 0..1;
     raise it where people walk about."""
-    occlusion_deg: float = setting(20.0, 0.0, 360.0)
+    occlusion_deg: float = checked_setting(20.0, 0.0, 360.0)
     """Width of this object in the lidar's view, 0 to 360 [deg]."""
-    start_sigma: float = setting(0.1, 0.0)
+    start_sigma: float = checked_setting(0.1, 0.0)
     """Standard deviation of the filter's first position in x and y, >= 0 [m]."""
-    start_sigma_deg: float = setting(3.0, 0.0)
+    start_sigma_deg: float = checked_setting(3.0, 0.0)
     """Standard deviation of the filter's first heading, >= 0 [deg]."""
 
     def to_kernel_settings(self) -> Any:

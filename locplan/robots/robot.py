@@ -18,13 +18,13 @@ from locplan._support.checks import (
     describe_changed_settings,
     format_suggestion,
     set_frozen_fields,
-    setting,
+    checked_setting,
     short_repr,
 )
-from locplan._support.files import check_target
+from locplan._support.files import check_writable_file
 from locplan._support.output import replace_file
 from locplan._support.public import read_field_docs
-from locplan._support.reading import dump_yaml, stamp
+from locplan._support.reading import dump_yaml, make_file_stamp
 from locplan._support.records import Table, TableColumn
 from locplan.errors import ConfigError
 from locplan.robots.amcl import Amcl, Filter
@@ -67,11 +67,11 @@ class Robot(Settings):
     _: KW_ONLY
     footprint: Footprint | float = 0.2
     """The true outline, or its radius, >= 0 [m]."""
-    margin: float = setting(0.05, 0.0)
+    margin: float = checked_setting(0.05, 0.0)
     """What planning adds to the outline, >= 0 [m]; Nav2's footprint_padding."""
     kinematics: Kinematics = field(default=Kinematics())
     """How the robot moves."""
-    goal_tolerance: float = setting(0.25, 0.0)
+    goal_tolerance: float = checked_setting(0.25, 0.0)
     """Distance from the goal at which the robot stops, >= 0 [m]."""
     inflation: Inflation | None = None
     """Inflation of the costmap that the robot's navigation plans on; None without one."""
@@ -166,9 +166,9 @@ class Robot(Settings):
             If the file cannot be written, or its name does not end in .yaml.
         """
         target = check_file_path("a robot's file", path)
-        check_target(target, ".yaml")
+        check_writable_file(target, ".yaml")
         _ = self.amcl  # a file cannot hold the code of another filter
-        content = {**stamp("robot", VERSION), "robot": self.summary()}
+        content = {**make_file_stamp("robot", VERSION), "robot": self.summary()}
         with replace_file(target) as temporary:
             temporary.write_text(dump_yaml(content, default_flow_style=None), encoding="utf-8")
 

@@ -105,7 +105,11 @@ def find_filter_warnings(
     rest = [(further_parameters or {}).get(name) for name in ("z_short", "z_max")]
     total = weight_sum + sum(float(value) for value in rest if is_number(value))
     sigma, far = amcl.sigma_hit, amcl.laser_likelihood_max_dist
-    min_range, max_range, reach = amcl.laser_min_range, amcl.laser_max_range, amcl.reach(lidar)
+    min_range, max_range, reach = (
+        amcl.laser_min_range,
+        amcl.laser_max_range,
+        amcl.compute_max_range(lidar),
+    )
     faults = {
         f"z_hit and z_rand add up to {weight_sum:g}: likelihood fields use these two weights, which"
         " should add up to 1": min(abs(weight_sum - 1), abs(total - 1)) > 0.01,
@@ -146,8 +150,8 @@ def list_setting_warnings(
     """
     user_amcl, warnings = robot.amcl, []
     if (
-        settings.multiplies
-        and not user_amcl.multiplies
+        settings.multiplies_likelihoods
+        and not user_amcl.multiplies_likelihoods
         and (further_parameters or {}).get("do_beamskip")
     ):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"

@@ -16,7 +16,7 @@ from locplan._support.poses import Poses, wrap_angles
 from locplan._support.records import POSE, Table, TableColumn
 from locplan._support.saved import EqualByValue
 from locplan.planning.path import Path
-from locplan.simulation.drives import check_drives, make_rate_column
+from locplan.simulation.drives import check_drive_count, make_rate_column
 
 ARRIVED, ELSEWHERE, ABORTED, TIMED_OUT = "arrived", "elsewhere", "aborted", "timed out"
 """How a drive ends; elsewhere, the robot believes to be at the goal, and is not. Aborted, it
@@ -49,7 +49,7 @@ class ClosedLoopSettings(Settings):
     is in the way."""
 
     def __post_init__(self) -> None:
-        check_drives(self.drives)
+        check_drive_count(self.drives)
         if self.replan is not None:
             check_positive("replan", self.replan, "s")
 

@@ -71,7 +71,7 @@ class PlanningArea:
         return compute_inflated_density(self.grid.clearance, self.robot)
 
     @property
-    def proximity(self) -> NDArray[np.float64]:
+    def candidate_proximity(self) -> NDArray[np.float64]:
         """1 on the candidates until now, falling to 1/e at 1 m from them."""
         return np.exp(-(self._compute_distances(*self.accepted.values()) ** 2))
 
@@ -167,10 +167,10 @@ FIELDLESS_DENSITIES: dict[str, DensityFunction] = {
     "along walls": lambda part: 1 + 3 * np.minimum(abs(part.grid.clearance - 0.6), 1.5),
     "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.grid.clearance - 1), 2),
     "detour": lambda part: part.wall_avoiding_density + 50 * part.is_near_shortest_middle,
-    "way around 1": lambda part: 1 + 1.2 * part.proximity,
-    "way around 2": lambda part: 1 + 2.5 * part.proximity,
-    "clear way around 1": lambda part: part.wall_avoiding_density + 1.2 * part.proximity,
-    "clear way around 2": lambda part: part.wall_avoiding_density + 2.5 * part.proximity,
+    "way around 1": lambda part: 1 + 1.2 * part.candidate_proximity,
+    "way around 2": lambda part: 1 + 2.5 * part.candidate_proximity,
+    "clear way around 1": lambda part: part.wall_avoiding_density + 1.2 * part.candidate_proximity,
+    "clear way around 2": lambda part: part.wall_avoiding_density + 2.5 * part.candidate_proximity,
 }
 """Those that need no field, whose paths must be others than those before. They were found to lower
 the error of filters; the first is the best of them."""
@@ -213,7 +213,7 @@ def compute_candidate_density(
     if name.startswith(AWARE_NAME):
         return 1 + float(name.removeprefix(AWARE_NAME)) * costs.u
     single_area = dataclasses.replace(area, accepted={name: candidates[name]})
-    return 1 + 8 * (1 - single_area.proximity)
+    return 1 + 8 * (1 - single_area.candidate_proximity)
 
 
 def compute_path_deviation(path: Path, field: CovarianceField) -> tuple[float, float]:
@@ -343,7 +343,7 @@ def generate_candidates(
             accepted[name] = path
     reserved = {*INFLATED_DENSITIES, *FIELDLESS_DENSITIES, *AWARE_DENSITIES, *densities}
     add_user_candidates(
-        user_candidates, accepted, left_out, region.costs, region.problem, reserved=reserved
+        user_candidates, accepted, left_out, region.costs, region.problem, reserved_names=reserved
     )
     return accepted, left_out
 
@@ -466,12 +466,12 @@ def add_user_candidates(
     costs: Costmap,
     problem: PlanningProblem,
     *,
-    reserved: Collection[str] = (),
-    skip: Planner | None = None,
+    reserved_names: Collection[str] = (),
+    skipped_planner: Planner | None = None,
 ) -> None:
     """Add a user's paths that keep the limits, and record why the rest do not.
 
-    Users cannot take reserved names. The path of the planner `skip` is there already.
+    Users cannot take reserved names. The path of the planner `skipped_planner` is there already.
     """
     settings, new_candidates = problem.settings, dict(user_candidates)
     if settings.front:
@@ -479,13 +479,13 @@ def add_user_candidates(
             _iterate_paths("front", pareto_front(costs, problem.start[:2], problem.goal[:2]))
         )
     for name, path in new_candidates.items():
-        if path is skip:
+        if path is skipped_planner:
             continue
         if isinstance(path, Planner):
             candidate_plan = problem.plan_least_cost(costs, path, limited=settings.budget is None)
             path = candidate_plan.path or format_failure(candidate_plan)
         fault = path if isinstance(path, str) else problem.find_violated_limit(path, costs)
-        while name in (*accepted, *left_out, *reserved):
+        while name in (*accepted, *left_out, *reserved_names):
             name = f"own {name}"
         if isinstance(path, str) or fault:
             left_out[name] = fault

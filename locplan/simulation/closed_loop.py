@@ -263,7 +263,7 @@ class ClosedLoop:
     perfect: bool
 
     @cached_property
-    def stage(self) -> WorldRegion:
+    def whole_region(self) -> WorldRegion:
         """The whole map, for a lost robot may drive anywhere."""
         return self.simulator.make_world_region()
 
@@ -273,14 +273,14 @@ class ClosedLoop:
         return self.simulator.grid
 
     @cached_property
-    def frame(self) -> Floats:
+    def filter_map_frame(self) -> Floats:
         """Pose of the filter map's axes [m, m, rad]."""
         return np.asarray(
             world_to_map_frame(self.grid, np.array([self.simulator.filter_map.origin]))[0]
         )
 
     @cached_property
-    def body(self) -> Any:
+    def robot_body(self) -> Any:
         """The robot's outline and motion as the follower takes them."""
         from locplan.simulation.kernels.bodies import RobotBody
 
@@ -311,20 +311,21 @@ class ClosedLoop:
         from locplan.simulation.kernels.bodies import DriveWorld
 
         # Nobody knows what stands in unknown cells: they are no walls, as in the lidar's world.
-        return DriveWorld(self.stage.make_world(route, number), self.grid.resolution)
+        return DriveWorld(self.whole_region.make_world(route, number), self.grid.resolution)
 
-    def drive(self, name: str, world: Any, route: int, number: int) -> ClosedLoopDrive:
+    def drive(self, path_name: str, world: Any, route: int, number: int) -> ClosedLoopDrive:
         """Drive once along a path; a drive that fails is repeated with perfect localization."""
-        arrival = self._drive_once(name, world, (route, number), perfect=self.perfect)
+        arrival = self._drive_once(path_name, world, (route, number), perfect=self.perfect)
         if arrival.outcome == ARRIVED:
             return arrival
         control = arrival
         if not self.perfect:
-            control = self._drive_once(name, world, (route, number), perfect=True)
+            control = self._drive_once(path_name, world, (route, number), perfect=True)
         if control.outcome == ARRIVED:
             return arrival
         return replace(
-            arrival, fault=FOLLOWER_FAULT if self._is_goal_reachable(name, world) else WORLD_FAULT
+            arrival,
+            fault=FOLLOWER_FAULT if self._is_goal_reachable(path_name, world) else WORLD_FAULT,
         )
 
     def _is_goal_reachable(self, path_name: str, world: Any) -> bool:
@@ -354,7 +355,7 @@ class ClosedLoop:
         ends = world_to_map_frame(
             self.grid, poses_from_positions(self.paths[path_name].xy[[0, -1]])
         )[:, 1::-1]
-        reach = self.body.tolerance
+        reach = self.robot_body.tolerance
         low, high = (
             np.maximum(np.ceil((ends + offset) / resolution), 0).astype(int)
             for offset in (-reach, reach)
@@ -369,7 +370,9 @@ class ClosedLoop:
 
         path = path.resample(POINT_SPACING / 2)
         poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
-        return all(measure_margin(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
+        return all(
+            measure_margin(world, self.robot_body, *pose, 2 * MARGIN) >= MARGIN for pose in poses
+        )
 
     def _drive_once(
         self, path_name: str, world: Any, drive_key: tuple[int, int], *, perfect: bool
@@ -379,7 +382,7 @@ class ClosedLoop:
         random = make_generator(self.simulator.seed, CLOSED_LOOP_STREAM, *drive_key)
         way, first = self._make_follower_way(path_name)
         length = self.paths[path_name].length
-        ticks = (TIME_LIMITS[0] + TIME_LIMITS[1] * length / self.body.speed) / pursuit.TICK
+        ticks = (TIME_LIMITS[0] + TIME_LIMITS[1] * length / self.robot_body.speed) / pursuit.TICK
         trace = self._make_trace(random, first, round(ticks))
         follow = self._make_follower(random, world, trace, perfect)
         while (decision := follow(way)) == follower.PLAN:
@@ -394,7 +397,7 @@ class ClosedLoop:
             trace.counts[pursuit.AT] = 0
         n = int(trace.counts[pursuit.TICKS]) + 1
         outcome = {follower.ABORTED: ABORTED, follower.TIMED_OUT: TIMED_OUT}.get(decision, ARRIVED)
-        near = max(NEAR_GOAL, 2 * self.body.tolerance)
+        near = max(NEAR_GOAL, 2 * self.robot_body.tolerance)
         if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1, :2]) > near:
             outcome = ELSEWHERE
         origin = np.array(self.grid.origin)
@@ -430,16 +433,18 @@ class ClosedLoop:
     def _make_follower(self, random: Any, world: Any, trace: Any, perfect: bool) -> Any:
         """A function that follows a way until a plan is needed, or the drive has ended."""
         from locplan._support.kernels.drives import start_filter
-        from locplan.simulation.kernels.follower import follow
+        from locplan.simulation.kernels.follower import follow_path
         from locplan.simulation.kernels.pursuit import TICK
 
         arguments, sensing = self.simulator.arguments, random.spawn(1)[0]
-        first = compute_motions(self.frame, trace.truth[0])
+        first = compute_motions(self.filter_map_frame, trace.truth[0])
         # Without one the period is longer than any drive.
         period = max(1, round(self.replan / TICK)) if self.replan else len(trace.truth)
-        drive_inputs = world, self.body, period
+        drive_inputs = world, self.robot_body, period
         if arguments.scores is None:
-            custom_loop = CustomFilterLoop(arguments, self.frame, (random, sensing), first, trace)
+            custom_loop = CustomFilterLoop(
+                arguments, self.filter_map_frame, (random, sensing), first, trace
+            )
             return lambda way: custom_loop.follow(way, *drive_inputs, perfect)
         tracker = start_filter(sensing, first, arguments.start, arguments.filter)
         sensor_arguments = (
@@ -448,12 +453,12 @@ class ClosedLoop:
             arguments.disturbances,
             arguments.odometry,
         )
-        return lambda way: follow(
+        return lambda way: follow_path(
             random,
             sensing,
             way,
             *drive_inputs,
-            self.frame,
+            self.filter_map_frame,
             tracker,
             *sensor_arguments,
             arguments.filter,

@@ -105,7 +105,12 @@ class CustomFilterLoop:
 
     def follow(self, way: Any, surroundings: Any, body: Any, period: int, perfect: bool) -> int:
         """Drive until a plan is needed or the drive has ended."""
-        from locplan.simulation.kernels.follower import GO, apply_command, believe, decide
+        from locplan.simulation.kernels.follower import (
+            GO,
+            apply_command,
+            write_believed_pose,
+            decide_next_command,
+        )
         from locplan.simulation.kernels.pursuit import TICKS
 
         trace, arguments = self.trace, self.arguments
@@ -114,9 +119,9 @@ class CustomFilterLoop:
             if perfect:
                 trace.believed[n] = trace.truth[n]
             elif n > self.sensed:
-                believe(self._estimate_pose(n, surroundings), self.frame, trace)
+                write_believed_pose(self._estimate_pose(n, surroundings), self.frame, trace)
                 self.sensed = n
-            decision: int = decide(way, surroundings, body, period, trace)
+            decision: int = decide_next_command(way, surroundings, body, period, trace)
             if decision != GO:
                 return decision
             apply_command(self.random, surroundings, body, arguments.odometry, trace)

@@ -125,15 +125,15 @@ def drive_open(
         for part in range(min(parts, len(names)))
     ]
 
-    def run(n: int) -> None:
-        key, names, place = tasks[n]
+    def run_task(task_number: int) -> None:
+        key, names, place = tasks[task_number]
         stage, number = stages[key], numbers[place]
         world = stage.make_world(key, number)
         for name in names:
             line, arguments = setups[name][number % len(setups[name])]
             errors[name][place] = stage.drive(line, world, key, number, arguments, level)
 
-    simulator.run_in_threads(run, len(tasks), progress, len(numbers) * len(paths))
+    simulator.run_in_threads(run_task, len(tasks), progress, len(numbers) * len(paths))
     yaw = simulator.filter_map.origin[2]
     return {name: Drives(poses[name], rotate_errors(errors[name], yaw)) for name in paths}
 
@@ -181,14 +181,14 @@ def drive_closed(
     tasks = [(key, place) for place in range(len(numbers)) for key in routes]
     arrivals: dict[str, list[Any]] = {name: [None] * len(numbers) for name in paths}
 
-    def run(n: int) -> None:
-        key, place = tasks[n]
+    def run_task(task_number: int) -> None:
+        key, place = tasks[task_number]
         world = loop.make_world(key, numbers[place])
         for name in routes[key]:
             arrivals[name][place] = loop.drive(name, world, key, numbers[place])
 
-    _ = loop.planner.density, loop.body  # made once, not by every thread
-    simulator.run_in_threads(run, len(tasks), progress, len(numbers) * len(paths))
+    _ = loop.planner.density, loop.robot_body  # made once, not by every thread
+    simulator.run_in_threads(run_task, len(tasks), progress, len(numbers) * len(paths))
     return {name: Arrivals(tuple(path_arrivals)) for name, path_arrivals in arrivals.items()}
 
 

@@ -24,7 +24,7 @@ from locplan._support.records import POSE, Table, TableColumn
 from locplan.maps.grid import OccupancyGrid
 from locplan.robots.amcl import Amcl, Filter
 from locplan.robots.lidar import Lidar
-from locplan.robots.particles import beam_scores, filter_settings
+from locplan.robots.particles import make_beam_scores, make_filter_settings
 from locplan.robots.robot import Robot
 
 MAX_DRIVES = 100_000
@@ -76,14 +76,14 @@ PROFILE_COLUMNS = (
 """Columns of `Drives.profile`."""
 
 
-def check_drives(drives: int, *, or_none: bool = False) -> None:
+def check_drive_count(drives: int, *, allows_none: bool = False) -> None:
     """Check that a path can be driven so often; to be called before long work.
 
     Parameters
     ----------
     drives : int
         Number of drives along a path, 2 to 100,000.
-    or_none : bool, default False
+    allows_none : bool, default False
         True also allows 0, for no drives.
 
     Raises
@@ -91,8 +91,10 @@ def check_drives(drives: int, *, or_none: bool = False) -> None:
     ConfigError
         If the number is out of its range.
     """
-    if drives or not or_none:
-        check_integer("drives (0 leaves them out)" if or_none else "drives", drives, 2, MAX_DRIVES)
+    if drives or not allows_none:
+        check_integer(
+            "drives (0 leaves them out)" if allows_none else "drives", drives, 2, MAX_DRIVES
+        )
 
 
 class RateProperties:
@@ -330,12 +332,15 @@ def make_drive_arguments(
     filter_scores: Any = None
     settings: Any
     if isinstance(amcl := robot.filter, Amcl):
-        filter_scores = beam_scores(grid, amcl, lidar, scores)
+        filter_scores = make_beam_scores(grid, amcl, lidar, scores)
         angles, settings = (
-            lidar.angles[:: amcl.beam_step(lidar.beams)],
-            filter_settings(amcl),
+            lidar.angles[:: amcl.compute_beam_step(lidar.beams)],
+            make_filter_settings(amcl),
         )
-        nearest, farthest = max(lidar.min_range, amcl.laser_min_range), amcl.reach(lidar)
+        nearest, farthest = (
+            max(lidar.min_range, amcl.laser_min_range),
+            amcl.compute_max_range(lidar),
+        )
     else:
         angles, nearest, farthest = lidar.angles, lidar.min_range, lidar.range
         settings = CustomFilter(robot.filter, grid, lidar)

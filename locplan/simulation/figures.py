@@ -240,7 +240,7 @@ def _format_interval(interval: Interval) -> str:
     return f"{value:.3g}" + ("" if np.isnan(low) else f" [{low:.3g}, {high:.3g}]")
 
 
-MIN_WIDTH = 8.6
+MIN_FIGURE_WIDTH = 8.6
 """Minimum width of the figure [inch]."""
 LINE_COLOURS, LINE_WIDTHS = ("0.72", "black", RECOMMENDED), (1.0, 2.0, 3.6)
 """Styles of the other candidates, of the shortest path, and of the recommended one."""
@@ -259,13 +259,13 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
     """
     ends = Path(np.array([recommendation.start[:2], recommendation.goal[:2]]))
     paths = [*(candidate.path for candidate in recommendation.candidates), ends]
-    width, height, part = MIN_WIDTH, 4.0, None
+    width, height, part = MIN_FIGURE_WIDTH, 4.0, None
     if recommendation.costs is not None:
         part = crop_map(
             recommendation.costs.grid, [*paths, *_collect_marked_places(recommendation)]
         )
         width, height = compute_figure_size(part)
-        width = max(width, MIN_WIDTH)
+        width = max(width, MIN_FIGURE_WIDTH)
     # Height of what is drawn along the paths [inch].
     below = 2.4 if recommendation.candidates else 0.0
     figure = NotebookFigure(figsize=(width, height + below + 0.8), layout="constrained")

@@ -241,7 +241,7 @@ class PlanningProblem:
         settings = dataclasses.replace(self.settings, via=tuple(via))
         return dataclasses.replace(self, start=start, goal=goal, settings=settings)
 
-    def validate(self, space: str) -> PlanningProblem:
+    def with_checked_places(self, planner_space: str) -> PlanningProblem:
         """The same with places that were checked in a planner's space.
 
         Raises
@@ -250,7 +250,7 @@ class PlanningProblem:
             If the robot cannot stand there, or the limits do not go together or with the costmap.
         """
         places = check_ends(
-            self.blank_costmap, self.start, self.goal, self.settings.via, space=space
+            self.blank_costmap, self.start, self.goal, self.settings.via, space=planner_space
         )
         problem = self._replace_places(places)
         make_planner(

@@ -37,7 +37,7 @@ from locplan.simulation.drives import (
     DRIVE_COLUMNS,
     LOST_SHORT_TEXT,
     Drives,
-    check_drives,
+    check_drive_count,
     compute_rmse_ratio,
 )
 from locplan.simulation.simulator import Simulator
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Route:
+class QueryDrives:
     """Results of drives along both paths of one query."""
 
     query: Query
@@ -99,7 +99,7 @@ class Routes(DrawableResult):
 
     grid: OccupancyGrid
     """The map."""
-    routes: Sequence[Route]
+    routes: Sequence[QueryDrives]
     """Results of each query that has a path."""
     description: Mapping[str, object]
     """Settings of the costs, the filter and the worlds, fit for JSON."""
@@ -120,7 +120,7 @@ class Routes(DrawableResult):
     @property
     def median_error(self) -> tuple[float, float]:
         """Median error along the shortest and the aware paths: geometric means [m]."""
-        return self._compute_means("median_error")
+        return self._average_shortest_and_aware("median_error")
 
     @property
     def kept_rmse(self) -> tuple[float, float]:
@@ -128,12 +128,12 @@ class Routes(DrawableResult):
 
         They are over the queries of which both paths have such drives; NaN if there is none.
         """
-        return self._compute_means("kept_rmse")
+        return self._average_shortest_and_aware("kept_rmse")
 
     @property
     def rmse(self) -> tuple[float, float]:
         """RMSE along the shortest and the aware paths: geometric means over the queries [m]."""
-        return self._compute_means("rmse")
+        return self._average_shortest_and_aware("rmse")
 
     @property
     def lost(self) -> tuple[float, float]:
@@ -170,9 +170,9 @@ class Routes(DrawableResult):
         """
         return np.array([getattr(route, measure) for route in self.routes])
 
-    def _compute_means(self, name: str) -> tuple[float, float]:
+    def _average_shortest_and_aware(self, measure: str) -> tuple[float, float]:
         """Geometric means over the queries of which both values are known; NaN without one."""
-        pairs = self.get_value_pairs(name)
+        pairs = self.get_value_pairs(measure)
         finite_pairs = pairs[~np.isnan(pairs).any(axis=1)]
         if not len(finite_pairs):
             return math.nan, math.nan
@@ -254,7 +254,7 @@ class RoutesOnMaps(Result):
             ]
         }
 
-    def _write(self, folder: Path, *related: Any) -> None:
+    def _write(self, folder: Path, *related_results: Any) -> None:
         from locplan._support.drawing import save_figure
 
         self.table().write_csv(folder / "queries.csv")
@@ -344,7 +344,7 @@ def simulate_queries(
     LocplanError
         If no query has a path, or a number is out of its range.
     """
-    check_drives(drives)
+    check_drive_count(drives)
     robot = equip_robot(robot, costs.settings.config if costs.settings else None)
     simulator = Simulator(
         costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads, zones=costs.zones
@@ -376,7 +376,7 @@ def _pair_from_array(means: Floats) -> tuple[float, float]:
     return float(means[0]), float(means[1])
 
 
-def _make_route(query: Query, drives: Mapping[str, Drives]) -> Route:
+def _make_route(query: Query, drives: Mapping[str, Drives]) -> QueryDrives:
     shortest, aware = drives[SHORTEST], drives[AWARE]
     ratio = compute_rmse_ratio(aware, shortest)
     names = "median_error", "lost_rate", "off_at_end_rate", "kept_rmse", "rmse"
@@ -389,7 +389,7 @@ def _make_route(query: Query, drives: Mapping[str, Drives]) -> Route:
             name: extract_values(DRIVE_COLUMNS, path_drives) for name, path_drives in drives.items()
         }
     }
-    return Route(
+    return QueryDrives(
         query,
         lengths,
         median,

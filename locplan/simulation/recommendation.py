@@ -446,7 +446,8 @@ def format_candidate_table(decision: PathDecision) -> str:
         is_shared = statistics.numbers.start == shortest.driven.numbers.start
         error = _format_error(statistics.error, is_angle)
         if not is_shared:
-            error = f"~{_format_error(_rescale_error_to_shortest(statistics, shortest.driven), is_angle)}"
+            rescaled_error = _rescale_error_to_shortest(statistics, shortest.driven)
+            error = f"~{_format_error(rescaled_error, is_angle)}"
         mark = ">" if candidate is recommended and statistics is not decision.rival else " "
         off = [f"{statistics.off_at_end_rate.value:.0%}".replace("%", " %")] * has_off
         cells = [f"{mark} {name}", format_length(candidate), error]
@@ -714,12 +715,12 @@ class Recommendation(Result, StoredResult):
         )
         return Table.from_records((marks, *columns) if self.judgement else columns, self.candidates)
 
-    def report(self, *related: Any, **details: Any) -> str:
+    def report(self, *related_results: Any, **details: Any) -> str:
         """Return the answer, the table of the drives, and why paths are no candidates.
 
         Parameters
         ----------
-        *related, **details
+        *related_results, **details
             Accepted as by `save`, and ignored.
         """
         if not self.candidates:
@@ -734,13 +735,13 @@ class Recommendation(Result, StoredResult):
         for name, reason in self.left_out.items():
             names.setdefault(reason, []).append(name)
         notes += [f"left out ({reason}): {'; '.join(group)}" for reason, group in names.items()]
-        if self.costs is not None and self.costs.note:
-            notes.append(self.costs.note)
+        if self.costs is not None and self.costs.estimator_note:
+            notes.append(self.costs.estimator_note)
         if self.costs is not None and not self.costs.has_weak_spots:
             notes.append("this lidar has no weak spot on the map: u is 0 throughout")
         return "\n".join([*wrap_lines(self.answer), "", *evidence, *wrap_lines(notes)])
 
-    def _write(self, folder: File, *related: Any) -> None:
+    def _write(self, folder: File, *related_results: Any) -> None:
         """Write the paths, the table and the errors along the paths."""
         self.table().write_csv(folder / "candidates.csv")
         if self.path:

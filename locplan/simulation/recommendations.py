@@ -89,11 +89,12 @@ class MapRecommendation:
         )
 
     def _evaluate_shortest_and_recommended(
-        self, get_value: Callable[[Candidate], float]
+        self, get_candidate_measure: Callable[[Candidate], float]
     ) -> tuple[float, float]:
         candidates = self.recommendation.shortest, self.recommendation.recommended_candidate
         first, second = (
-            math.nan if candidate is None else get_value(candidate) for candidate in candidates
+            math.nan if candidate is None else get_candidate_measure(candidate)
+            for candidate in candidates
         )
         return first, second
 
@@ -179,17 +180,17 @@ class Recommendations:
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives along the shortest and recommended paths: means over queries."""
-        return self._compute_means("lost")
+        return self._average_shortest_and_recommended("lost")
 
     @property
     def off_at_end(self) -> tuple[float, float]:
         """Share of drives off at the end along both: means."""
-        return self._compute_means("off_at_end")
+        return self._average_shortest_and_recommended("off_at_end")
 
-    def _compute_means(self, name: str) -> tuple[float, float]:
+    def _average_shortest_and_recommended(self, measure: str) -> tuple[float, float]:
         value_pairs = np.array(
             [
-                getattr(map_recommendation, name)
+                getattr(map_recommendation, measure)
                 for map_recommendation in self.solved_recommendations
             ]
             or [(math.nan, math.nan)]
@@ -280,7 +281,7 @@ class Recommendations:
             if name in homes:
                 raise ConfigError(f"two recommendations would be saved as {name}; rename one query")
             homes[name] = map_recommendation
-        with self.files.into(target, force=force).writing() as new:
+        with self.files.make_output(target, force=force).writing() as new:
             for name, map_recommendation in homes.items():
                 (new / name).mkdir()
                 map_recommendation.recommendation.write_files(new / name)

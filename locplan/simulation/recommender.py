@@ -179,7 +179,7 @@ def recommend_path(
     )
     default_space = LATTICE if problem.is_lattice_needed else "R2"
     space = next((planner.space for planner in planners if planner.space != "R2"), default_space)
-    problem = problem.validate(space)
+    problem = problem.with_checked_places(space)
     check_user_candidates(user_candidates, problem)
     check_filter_map(settings.filter_map, grid)
     check_integer("seed", seed, 0)
@@ -347,7 +347,12 @@ def _recommend_untested(
     paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     left_out = {name: format_failure(plan) for name, plan in plans.items() if plan.path is None}
     add_user_candidates(
-        user_candidates, paths, left_out, costs, problem, skip=planner if len(plans) > 1 else None
+        user_candidates,
+        paths,
+        left_out,
+        costs,
+        problem,
+        skipped_planner=planner if len(plans) > 1 else None,
     )
     last = plans[next(reversed(plans))]
     if last.path is None:
@@ -374,7 +379,7 @@ def _recommend_untested(
 def _format_plan_note(candidate_plan: Plan) -> str:
     """Return the note of a plan on its path, without the note of its costmap."""
     note = (
-        candidate_plan.note.removesuffix(candidate_plan.costs.note).rstrip("; ")
+        candidate_plan.note.removesuffix(candidate_plan.costs.estimator_note).rstrip("; ")
         if candidate_plan.costs
         else candidate_plan.note
     )

@@ -33,7 +33,7 @@ from locplan.simulation.drives import (
     DEFAULT_DRIVES,
     DRIVE_COLUMNS,
     Drives,
-    check_drives,
+    check_drive_count,
     compute_rmse_ratios,
     tabulate_profiles,
 )
@@ -130,7 +130,7 @@ class Simulation(Result):
         )
         return Table(columns, tuple(map(tuple, rows.values())))
 
-    def _write(self, folder: FilePath, *related: Any) -> None:
+    def _write(self, folder: FilePath, *related_results: Any) -> None:
         tabulate_profiles(self.drives).write_csv(folder / "errors.csv")
         if self.arrivals:
             tabulate_ends(self.arrivals).write_csv(folder / "arrivals.csv")
@@ -233,7 +233,7 @@ def simulate(
     >>> result.drives["straight"].lost_rate.value
     0.0
     """
-    check_drives(drives)
+    check_drive_count(drives)
     if not isinstance(paths, Mapping):
         raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
     if not paths:

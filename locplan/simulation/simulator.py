@@ -100,14 +100,14 @@ class Simulator:
         count = self.robot.disturbances.worlds if noise else 1
         check_memory(f"{count} worlds", 2 * count * self.grid.cells.size, "set fewer worlds")
 
-        def make(number: int) -> Octets:
+        def make_world_squares(number: int) -> Octets:
             seed = int(make_generator(self.seed, WORLD_STREAM, number).integers(2**63))
             world = with_boundary_noise(self.grid, noise, seed=seed)
             squares: Octets = compute_empty_squares(world.cells == OCCUPIED)
             return squares
 
         with ThreadPoolExecutor(self.threads) as pool:
-            return list(pool.map(make, range(count)))
+            return list(pool.map(make_world_squares, range(count)))
 
     def make_drive_poses(self, poses: Poses) -> DrivePoses:
         """Return poses in the axes of both maps, as drives take them.
@@ -164,12 +164,12 @@ class Simulator:
             cells = np.concatenate([line.cells[:, :2] for line in lines])
             window = make_window_around(self.grid, cells, reach)
         noise = self.robot.disturbances.boundary_noise
-        stops, boundary = self.stops[window], self.boundary[window]
+        stops, boundary = self.is_occupied[window], self.boundary[window]
         resolution = self.grid.resolution * self.stretch
         return WorldRegion(resolution, window, stops, boundary, noise, self.seed)
 
     @cached_property
-    def stops(self) -> Bools:
+    def is_occupied(self) -> Bools:
         """Occupied cells of the map, (H, W)."""
         return np.asarray(self.grid.cells == OCCUPIED)
 
@@ -204,7 +204,7 @@ class Simulator:
             Number of steps that the tasks are reported as; by default one each.
         """
         n_steps = n_steps or n_tasks
-        _ = self.arguments, self.stops, self.boundary  # made once, not by every thread
+        _ = self.arguments, self.is_occupied, self.boundary  # made once, not by every thread
         pool = ThreadPoolExecutor(self.threads)
         try:
             tasks = [pool.submit(run_task, n) for n in range(n_tasks)]

@@ -14,7 +14,7 @@ from support.maps import ascii_map
 from locplan._support import output
 from locplan._support.drawing import NotebookFigure
 from locplan._support.output import ResultFiles, ResultOutput, temporary_folder
-from locplan._support.runs import RunRecord, pop_written_lines, running
+from locplan._support.runs import RunRecord, pop_written_lines, record_run
 from locplan._support.tables import format_rounded_up
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
@@ -60,7 +60,7 @@ def test_output_refuses_other_files_without_force(tmp_path, earlier):
     (tmp_path / "a").write_text("mine")
     fault = "was changed after locplan wrote it" if earlier else "is no earlier result"
     with pytest.raises(LocplanError, match=f"a: {fault}.*--force"):
-        ResultFiles("plan", ("b",)).into(tmp_path)
+        ResultFiles("plan", ("b",)).make_output(tmp_path)
     with pytest.raises(LocplanError, match=f"a: {fault}"):
         write(tmp_path, {"b": "2"})
     assert content(tmp_path) == {"a": "mine"} | ({"z": "1"} if earlier else {})
@@ -73,7 +73,7 @@ def test_output_refuses_other_files_without_force(tmp_path, earlier):
 def test_output_notes_purposes_of_written_files(tmp_path):
     files = dict.fromkeys(["chosen.csv", *(f"0{n}-way.csv" for n in range(5)), "errors.csv"], "1")
     purposes = {"chosen.csv": "the recommended path", "[0-9]*.csv": "a candidate path"}
-    with running(RunRecord("plan", {})):
+    with record_run(RunRecord("plan", {})):
         write(tmp_path / "out", files, purposes=purposes)
         lines = pop_written_lines()
         assert pop_written_lines() == []
@@ -299,7 +299,7 @@ def test_file_that_changed_after_a_kill_stays(tmp_path):
     (tmp_path / "out" / "b").write_text("mine")
     (tmp_path / "out" / "d").write_text("mine")
     with pytest.raises(LocplanError, match="b: was changed"):
-        ResultFiles("plan", ()).into(tmp_path / "out")
+        ResultFiles("plan", ()).make_output(tmp_path / "out")
     assert content(tmp_path / "out") == {"a": "2", "b": "mine", "d": "mine"}
 
 

@@ -83,7 +83,7 @@ def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
     assert mask_first == f"ros2 launch {tmp_path}/mask/localizability.launch.xml"
     assert nav2.endswith(f"params_file:={tmp_path}/mask/nav2.yaml")
     assert (tmp_path / "mask" / "localizability.launch.xml").exists()
-    assert set(found.list_written_files()) == {"mask/nav2.yaml"}
+    assert set(found.describe_fix_files()) == {"mask/nav2.yaml"}
     assert json.loads((tmp_path / "mask" / "export.json").read_text())["kind"] == "nav2-keepout"
     mask = locplan.load_map(tmp_path / "mask" / "mask.yaml")
     assert mask.shape == grid.shape

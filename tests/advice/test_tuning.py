@@ -104,7 +104,7 @@ def test_presets_change_only_their_parameters():
     precise, safe = list_applicable_presets(own).values()
     assert (safe.update_min_d, safe.update_min_a, safe.alpha1) == (0.1, 0.1, own.alpha1)
     assert {getattr(precise, f"alpha{n}") for n in range(1, 6)} == {0.05}
-    assert precise.multiplies
+    assert precise.multiplies_likelihoods
     assert {(each.max_beams, each.max_particles) for each in (precise, safe)} == {(90, 60)}
 
 

@@ -33,7 +33,7 @@ def check_scene(session: Session, config: FieldConfig = SAD) -> None:
     """Compare field and costs with those of the library."""
     session.wait()
     scene = session.scene
-    assert scene.is_whole
+    assert scene.is_field_complete
     field = locplan.covariance_field(session.grid, config)
     np.testing.assert_array_equal(scene.field.covariance, field.covariance)
     costs = locplan.Costmap.from_field(field, robot=scene.site.robot, zones=scene.site.zones)

@@ -29,8 +29,8 @@ def test_stop_in_wall_moves_to_same_part():
     in_wall = (5.2, 3.4)  # nearer to the upper part
     assert snap_stops(parts, [upper, in_wall]) == [upper, (5.5, 4.5)]
     assert snap_stops(parts, [lower, in_wall]) == [lower, (5.5, 1.5)]
-    assert snap_stops(parts, [in_wall, lower], held=0) == [(5.5, 1.5), lower]
-    assert snap_stops(parts, [upper, in_wall, lower], held=0)[1] == (5.5, 1.5)
+    assert snap_stops(parts, [in_wall, lower], dragged_index=0) == [(5.5, 1.5), lower]
+    assert snap_stops(parts, [upper, in_wall, lower], dragged_index=0)[1] == (5.5, 1.5)
     assert snap_stops(parts, [in_wall, in_wall])[0] == (5.5, 4.5)
     assert snap_stops(parts, [lower, upper]) == [lower, upper]  # free ones stay in any case
 
@@ -54,7 +54,7 @@ def test_nearest_cell_is_that_of_full_search(seed):
             wanted = parts.labels == label if label else parts.labels > 0
             centres = np.column_stack(grid.grid_to_world(*(np.argwhere(wanted) + 0.5).T))
             distance = np.hypot(*(centres - xy).T)
-            nearest = parts.nearest(xy, label)
+            nearest = parts.find_nearest_position(xy, label)
             if nearest is None:
                 assert distance.min() > 3.0
             else:

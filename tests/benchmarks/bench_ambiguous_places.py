@@ -8,7 +8,7 @@ import numpy as np
 
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings.ambiguous_places import find_ambiguous_places
-from locplan.recordings.kernels.matches import shortlist
+from locplan.recordings.kernels.matches import find_best_place_turn_pairs
 from locplan.recordings.matching import TURNS, ScanDatabase
 from locplan.robots import Lidar, Robot
 
@@ -63,7 +63,9 @@ def test_a_place_of_a_thousand_by_a_thousand_cells(benchmark):
     ours, theirs = [], []
     for _ in range(3):
         began = time.process_time()
-        scores, where = shortlist(database.codes, len(codes), beams, scan, CAP, 600)
+        scores, where = find_best_place_turn_pairs(
+            database.codes, len(codes), beams, scan, CAP, 600
+        )
         ours.append(time.process_time() - began)
         began = time.process_time()
         sums = summed_gaps(codes, scan)

@@ -130,12 +130,15 @@ def words_compared(grid, rows, cols, radius, window):
     weights = np.ones(4 * radius**2 * 2)
     total = 0
     for group in layout.groups():
-        tile, every = layout.tile(group), np.ones((window.angles.size, 1, layout.n_offsets), bool)
+        tile, every = (
+            layout.make_tile_layout(group),
+            np.ones((window.angles.size, 1, layout.n_offsets), bool),
+        )
         scratch = kernel.make_cell_buffers(*every.shape[::-2], layout.disc, masked=False)
         for n in range(group.cells.size):
             per_cell = ("corners", "rests", "places", "sum_places")
             one = tile._replace(**{name: getattr(tile, name)[n : n + 1] for name in per_cell})
-            given = weights, layout.window.places, scratch, np.zeros(2, np.int64)
+            given = weights, layout.window.cell_lattice_places, scratch, np.zeros(2, np.int64)
             kernel.fill_tile_covariances(one, None, every, *given, np.empty((1, 3, 3)))
             last = scratch.template.bounds[-1, -1]
             total += int(last[1]) + 2 * int(last[3])

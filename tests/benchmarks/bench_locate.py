@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 import locplan
-from locplan.recordings.kernels.scan_losses import loss_at, refine_pose
+from locplan.recordings.kernels.scan_losses import compute_loss_at_pose, refine_pose
 from locplan.recordings.matching import STEP, TURNS, ScanOnMap
 
 LIDAR = locplan.Lidar(range=12.0, beams=360)
@@ -26,14 +26,16 @@ def losses_everywhere(tables, ends, positions, turns, step):
     losses = np.empty((len(positions), turns))
     for n in range(len(positions)):
         for k in range(turns):
-            losses[n, k] = loss_at(tables, 0, ends, positions[n, 0], positions[n, 1], k * step)
+            losses[n, k] = compute_loss_at_pose(
+                tables, 0, ends, positions[n, 0], positions[n, 1], k * step
+            )
     return losses
 
 
 def everywhere(places, ranges, best_of=300):
     """Pose of least loss: all places and turns are scored, and the best of them refined."""
     scan = ScanOnMap(places, ranges)
-    ends, lever = scan.ends, scan.lever
+    ends, lever = scan.ends, scan.turn_lever
     losses = losses_everywhere(places.tables, ends, places.positions, TURNS, STEP)
     place, turn = np.divmod(np.argsort(losses, axis=None)[:best_of], TURNS)
     poses = np.column_stack([places.positions[place], turn * STEP])

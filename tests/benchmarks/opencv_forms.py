@@ -8,7 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from locplan.field.templates import cut_rotated_template, disc, local_map
+from locplan.field.templates import cut_rotated_template, make_disc_mask, cut_template
 from locplan.paper.template_matching import compute_sad_distribution
 
 
@@ -21,13 +21,13 @@ def packed_hamming(cells, row, col, radius, window):
     """cv2.batchDistance of NORM_HAMMING between bit-packed templates and windows."""
     size, offsets = 2 * radius + 1, 2 * window.half_steps + 1
     step, reach = window.step_cells, window.half_steps * window.step_cells
-    mask = np.packbits(disc(radius), axis=1).ravel()
+    mask = np.packbits(make_disc_mask(radius), axis=1).ravel()
     templates = []
     for theta in window.angles:
         template = cut_rotated_template(cells, row, col, radius, theta)
         planes = [np.packbits(template == level, axis=1).ravel() & mask for level in (254, 0)]
         templates.append(np.concatenate(planes))
-    around = local_map(cells, row, col, radius + reach)
+    around = cut_template(cells, row, col, radius + reach)
     planes = around == 254, around == 0
     octets = -(-size // 8)
     windows = np.empty((offsets, 2, size * octets), np.uint8)

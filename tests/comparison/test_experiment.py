@@ -515,14 +515,14 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
 
     monkeypatch.setattr("locplan.simulation.recommender.recommend_path", recommend_path)
     spec = PlannerSpec.parse(f"simulated choice:price=3,longest=1.2,robot={nav2}")
-    assert spec.seeds([4, 5]) == (4, 5)
+    assert spec.select_seeds([4, 5]) == (4, 5)
     plan = spec.plan(corridors, CORRIDOR.start, CORRIDOR.goal, 5)
     assert plan.status == "unreachable"
     assert [options["threads"] for options in asked] == [1]
     assert asked[0]["costs"] is corridors
     assert [options["seed"] for options in asked] == [5]
     assert (asked[0]["settings"].price, asked[0]["settings"].longest) == (3, 1.2)
-    assert PlannerSpec.parse("simulated choice:seed=7").seeds([4, 5]) == (7,)
+    assert PlannerSpec.parse("simulated choice:seed=7").select_seeds([4, 5]) == (7,)
     here = spec.plan(corridors, CORRIDOR.start, CORRIDOR.start, 1)
     assert here.path.length == 0
 

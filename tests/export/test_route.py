@@ -64,7 +64,7 @@ def test_lines_cost_their_exact_integral_or_are_blocked(shape, resolution, origi
     xy = to_world(ends, resolution, origin)
     pairs = np.array([(i, j) for i in range(15) for j in range(15) if i != j])
     pairs = pairs[np.hypot(*(ends[pairs[:, 0]] - ends[pairs[:, 1]]).T) > 0]
-    costs = kernels.line_costs(*space_of(density, resolution, origin), xy, pairs)
+    costs = kernels.integrate_line_costs(*space_of(density, resolution, origin), xy, pairs)
     expected = oracles.lines.line_costs(density, resolution, origin, xy, pairs)
     np.testing.assert_allclose(costs, expected, rtol=1e-6)
 
@@ -73,27 +73,29 @@ def test_lines_cost_the_same_both_ways_and_one_by_one():
     space = space_of(density_from((9, 9), 1), *WORLDS[1])
     xy = to_world(np.random.default_rng(1).uniform(0, 9, (30, 2)), *WORLDS[1])
     pairs = random_pairs(30, 1.0, np.random.default_rng(2))
-    costs = kernels.line_costs(*space, xy, pairs)
-    np.testing.assert_array_equal(costs, kernels.line_costs(*space, xy, pairs[:, ::-1].copy()))
+    costs = kernels.integrate_line_costs(*space, xy, pairs)
     np.testing.assert_array_equal(
-        costs, [kernels.line_cost(*space, xy[i], xy[j]) for i, j in pairs]
+        costs, kernels.integrate_line_costs(*space, xy, pairs[:, ::-1].copy())
+    )
+    np.testing.assert_array_equal(
+        costs, [kernels.integrate_line_cost(*space, xy[i], xy[j]) for i, j in pairs]
     )
     assert 0 < np.isinf(costs).sum() < len(costs)
-    assert kernels.line_costs(*space, xy, pairs[:0]).shape == (0,)
+    assert kernels.integrate_line_costs(*space, xy, pairs[:0]).shape == (0,)
 
 
 @pytest.mark.parametrize("start", [(-0.5, 2.0), (2.0, -7.5), (4.2, 2.0), (2.0, 900.0)])
 def test_a_line_from_outside_the_grid_is_blocked(start):
     space = space_of(np.ones((4, 6)), *WORLDS[0])
     xy = to_world([start, (1.5, 1.5)], *WORLDS[0])
-    assert kernels.line_cost(*space, xy[0], xy[1]) == np.inf
+    assert kernels.integrate_line_cost(*space, xy[0], xy[1]) == np.inf
 
 
 @pytest.mark.parametrize("end", [(-0.5, 1.5), (4.5, 1.5), (50.0, 50.0), (1.5, -500.0)])
 def test_a_line_to_outside_the_grid_is_blocked(end):
     space = space_of(np.ones((4, 6)), *WORLDS[0])
     xy = to_world([(1.5, 1.5), end], *WORLDS[0])
-    assert kernels.line_cost(*space, xy[0], xy[1]) == np.inf
+    assert kernels.integrate_line_cost(*space, xy[0], xy[1]) == np.inf
 
 
 @pytest.mark.parametrize("at", [(1.5, 1.5), (-0.5, 2.5), (4.5, 2.5), (-9.0, 2.5)])
@@ -101,7 +103,7 @@ def test_a_line_of_no_length_is_blocked_where_its_position_is(at):
     density = np.ones((4, 6))
     density[1, 1] = np.inf
     xy = to_world([at], *WORLDS[0])
-    assert kernels.line_cost(*space_of(density, *WORLDS[0]), xy[0], xy[0]) == np.inf
+    assert kernels.integrate_line_cost(*space_of(density, *WORLDS[0]), xy[0], xy[0]) == np.inf
 
 
 def test_lines_between_corners_and_edges_are_blocked_where_they_end_at_a_blocked_cell():
@@ -110,7 +112,7 @@ def test_lines_between_corners_and_edges_are_blocked_where_they_end_at_a_blocked
     ends = ends[np.random.default_rng(0).permutation(len(ends))[:50]]
     pairs = random_pairs(len(ends), 1.0, np.random.default_rng(1))
     xy = to_world(ends, *WORLDS[0])
-    costs = kernels.line_costs(*space_of(density, *WORLDS[0]), xy, pairs)
+    costs = kernels.integrate_line_costs(*space_of(density, *WORLDS[0]), xy, pairs)
     np.testing.assert_allclose(
         costs, oracles.lines.line_costs(density, *WORLDS[0], xy, pairs), rtol=1e-6
     )

@@ -88,7 +88,11 @@ def test_effective_beams_grow_with_field_of_view():
         assert whole.temperature == half.temperature == pytest.approx(12.6 / 180)
         quarter = estimator(replace(HALF, field_of_view_deg=90.0, beams=90, mount_yaw_deg=45.0))
         bearings = [
-            set(np.round(np.degrees(each.beams().angles + each.beams().yaw), 9).tolist())
+            set(
+                np.round(
+                    np.degrees(each.make_kernel_lidar().angles + each.make_kernel_lidar().yaw), 9
+                ).tolist()
+            )
             for each in (quarter, half, whole)
         ]
         assert bearings[0] < bearings[1] | bearings[0] < bearings[2]
@@ -97,7 +101,7 @@ def test_effective_beams_grow_with_field_of_view():
 
 def test_beams_of_a_part_keep_their_noise():
     left, whole = (Scan(replace(HALF, field_of_view_deg=width)) for width in (90.0, 180.0))
-    inside = np.isin(whole.beams().angles, left.beams().angles)
+    inside = np.isin(whole.make_kernel_lidar().angles, left.make_kernel_lidar().angles)
     assert inside.sum() == left.beams_compared == 90
     np.testing.assert_array_equal(whole.end_deviations[inside], left.end_deviations)
 
@@ -135,12 +139,12 @@ def test_costmap_of_sad_has_note_if_robot_has_lidar(with_lidar):
     aware, shortest = (
         plan(each, (0.6, 0.6), (2.4, 1.4)) for each in (costs, costs.with_weight(0.0))
     )
-    assert ("locplan.Fused(robot.lidar)" in costs.note) == with_lidar
-    assert aware.note == costs.note
-    assert costs.note in aware.report()
+    assert ("locplan.Fused(robot.lidar)" in costs.estimator_note) == with_lidar
+    assert aware.note == costs.estimator_note
+    assert costs.estimator_note in aware.report()
     assert shortest.note == ""
     fused = covariance_field(grid, FieldConfig(Fused(Lidar(range=2.0)), stride=0.8))
-    assert Costmap.from_field(fused, robot=robot).note == ""
+    assert Costmap.from_field(fused, robot=robot).estimator_note == ""
 
 
 def test_fused_ranks_paths_as_drives_do():

@@ -14,7 +14,7 @@ from locplan.field.estimator import MapPart
 from locplan.field.kernels import bitplanes, sad as kernel
 from locplan.field.sad import Exponential, InverseSquare
 from locplan.field.sad_tiles import MapLayout
-from locplan.field.templates import disc, local_map, read_levels
+from locplan.field.templates import make_disc_mask, cut_template, read_levels
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
 from locplan.paper.template_matching import compute_sad_distribution
 
@@ -135,8 +135,8 @@ def e_by_definition(estimator, cells, row, col, resolution):
     offsets = window.step * np.arange(-steps, steps + 1)
     angles = np.radians(np.arange(-60.0, 61.0, 10.0))
     shifts = np.rint(offsets / resolution).astype(int)
-    reach, size, mask = shifts[-1], 2 * radius + 1, disc(radius).astype(np.uint8)
-    around = local_map(cells, row, col, radius + reach)
+    reach, size, mask = shifts[-1], 2 * radius + 1, make_disc_mask(radius).astype(np.uint8)
+    around = cut_template(cells, row, col, radius + reach)
     sums = np.empty((len(offsets), len(offsets), len(angles)))
     for k, angle in enumerate(angles):
         template = turned_about_itself(cells, row, col, radius, angle)
@@ -257,7 +257,7 @@ def test_strips_equal_the_plain_loops():
     angles = np.array([0.0, 0.4, -2.0])
     cos, sin, firsts = np.cos(angles), np.sin(angles), np.array([-3, 2, 5])
     strips = np.full((3, 2, 25, 20), 77, np.uint8)
-    bitplanes.cut_strips(cells, 0, 0, 11.0, 15.0, cos, sin, firsts, firsts + 1, strips)
+    bitplanes.cut_rotated_strips(cells, 0, 0, 11.0, 15.0, cos, sin, firsts, firsts + 1, strips)
     for k in range(3):
         first = firsts[k], firsts[k] + 1
         expected = oracles.sad.cut_strips(cells, cos[k], sin[k], *first, 20, 25)

@@ -19,7 +19,7 @@ from locplan.field.sad_tiles import (
     find_disc_blocks,
     find_kept_lines,
 )
-from locplan.field.templates import disc
+from locplan.field.templates import make_disc_mask
 from locplan.maps import FREE, load_map
 
 
@@ -216,9 +216,9 @@ def test_blocks_lie_apart_within_the_disc(radius, edge):
         times[row : row + edge, col : col + edge] += 1
     assert times.sum() == len(rows) * edge**2
     assert times.max(initial=0) <= 1
-    assert not times[~disc(radius)].any()
+    assert not times[~make_disc_mask(radius)].any()
     if radius > 4 * edge:
-        assert times.sum() > 0.7 * disc(radius).sum()
+        assert times.sum() > 0.7 * make_disc_mask(radius).sum()
 
 
 def test_counts_of_blocks_equal_the_plain_loops():

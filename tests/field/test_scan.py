@@ -443,7 +443,9 @@ def test_the_beams_that_count_are_spread_over_the_lidars():
     for beams, in_quarter in ((10, 4), (180, 81), (361, 90), (1081, 90)):
         lidar = Settings(range=5.0, field_of_view_deg=200.0, beams=beams, mount_yaw_deg=10.0)
         settings, pitch = Scan(lidar), 90 / in_quarter
-        bearings = np.degrees(settings.beams().angles + settings.beams().yaw)
+        bearings = np.degrees(
+            settings.make_kernel_lidar().angles + settings.make_kernel_lidar().yaw
+        )
         np.testing.assert_allclose(np.diff(bearings), pitch, rtol=1e-9)
         assert bearings[0] - pitch < -90.0 <= bearings[0] + 1e-6
         assert bearings[-1] - 1e-6 <= 110.0 < bearings[-1] + pitch
@@ -457,5 +459,5 @@ def test_a_lidar_keeps_beams_as_far_apart_as_those_that_count():
         lidar = Settings(range=5.0, field_of_view_deg=width, beams=beams, mount_yaw_deg=-0.5)
         settings = Scan(lidar)
         np.testing.assert_array_equal(settings.nearest_beam_indices, np.arange(beams))
-        np.testing.assert_array_equal(settings.beams().angles, lidar.angles)
+        np.testing.assert_array_equal(settings.make_kernel_lidar().angles, lidar.angles)
         assert settings.temperature == pytest.approx(min(1.0, 12.6 / 180 * width / (beams - 1)))

@@ -96,7 +96,7 @@ def grid() -> OccupancyGrid:
 @pytest.fixture
 def computed(monkeypatch) -> list[int]:
     """How many points each tile computed had."""
-    calls, compute = [], computing.compute
+    calls, compute = [], computing.compute_tile
 
     def spy(engine, estimator, part):
         calls.append(len(part.rows))

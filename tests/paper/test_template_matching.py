@@ -10,9 +10,9 @@ from locplan.field.templates import (
     BEHIND,
     count_template_rays,
     cut_rotated_template,
-    disc,
-    local_map,
-    visible_part,
+    make_disc_mask,
+    cut_template,
+    mark_visible_part,
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.paper.template_matching import (
@@ -20,8 +20,8 @@ from locplan.paper.template_matching import (
     compare_models_along_axis,
     compare_models_along_strip,
     compute_sad_distribution,
-    mismatch,
-    similarities,
+    compute_mismatch_areas,
+    compute_similarities,
 )
 
 
@@ -51,18 +51,18 @@ def test_template_turns_counter_clockwise():
 def test_unturned_template_is_the_local_map():
     cells = random_rooms((40, 40), seed=1)
     np.testing.assert_array_equal(
-        cut_rotated_template(cells, 3, 38, 9, 0.0), local_map(cells, 3, 38, 9)
+        cut_rotated_template(cells, 3, 38, 9, 0.0), cut_template(cells, 3, 38, 9)
     )
 
 
 def test_outside_the_map_is_unknown():
-    around = local_map(np.full((2, 2), FREE, np.uint8), 0, 0, 1)
+    around = cut_template(np.full((2, 2), FREE, np.uint8), 0, 0, 1)
     assert around.tolist() == [[UNKNOWN] * 3, [UNKNOWN, FREE, FREE], [UNKNOWN, FREE, FREE]]
 
 
 @pytest.mark.parametrize("radius", [0, 1, 5, 40])
 def test_disc_is_symmetric_and_touches_its_radius(radius):
-    mask = disc(radius)
+    mask = make_disc_mask(radius)
     assert (mask == mask.T).all()
     assert (mask == mask[::-1]).all()
     assert mask[radius].all()
@@ -78,17 +78,17 @@ def test_mismatch_is_zero_at_zero_lag():
 def test_a_ray_sees_the_wall_but_not_the_room_behind():
     cells = np.full((41, 41), FREE, np.uint8)
     cells[:, 28] = OCCUPIED  # a wall eight cells to the right
-    seen = visible_part(cells, 20, 20, 15, 0.0)
+    seen = mark_visible_part(cells, 20, 20, 15, 0.0)
     assert seen[15, :26].all()  # up to the wall and two cells behind
     assert not seen[15, 26:].any()
     assert seen[:, 15].all()  # along the wall nothing hides anything
-    turned = visible_part(cells, 20, 20, 15, np.pi / 2)
+    turned = mark_visible_part(cells, 20, 20, 15, np.pi / 2)
     np.testing.assert_array_equal(turned, np.rot90(seen, -1))
 
 
 def test_in_the_open_everything_is_seen():
-    seen = visible_part(np.full((41, 41), FREE, np.uint8), 20, 20, 12, 0.3)
-    np.testing.assert_array_equal(seen, disc(12))
+    seen = mark_visible_part(np.full((41, 41), FREE, np.uint8), 20, 20, 12, 0.3)
+    np.testing.assert_array_equal(seen, make_disc_mask(12))
 
 
 def test_the_visible_part_equals_the_plain_loops():
@@ -97,7 +97,7 @@ def test_the_visible_part_equals_the_plain_loops():
         expected = oracles.sad.visible_part(
             cells, row, col, 18, theta, count_template_rays(18), BEHIND
         )
-        np.testing.assert_array_equal(visible_part(cells, row, col, 18, theta), expected)
+        np.testing.assert_array_equal(mark_visible_part(cells, row, col, 18, theta), expected)
 
 
 OPENCV = {
@@ -124,7 +124,10 @@ def test_models_equal_the_plain_loops():
     rng = np.random.default_rng(4)
     for size in (1, 2, 9, 30):
         template, levels = rng.choice([OCCUPIED, UNKNOWN, FREE], (2, size, size))
-        found, expected = similarities(template, levels), oracles.sad.similarities(template, levels)
+        found, expected = (
+            compute_similarities(template, levels),
+            oracles.sad.similarities(template, levels),
+        )
         assert list(found) == list(MODELS) == list(expected)
         for name in MODELS:
             assert found[name] == pytest.approx(expected[name], rel=1e-9, abs=1e-6, nan_ok=True)
@@ -132,9 +135,9 @@ def test_models_equal_the_plain_loops():
 
 def test_templates_that_do_not_fit_are_refused():
     with pytest.raises(LocplanError, match="one shape"):
-        similarities(np.zeros((2, 3)), np.zeros((3, 2)))
+        compute_similarities(np.zeros((2, 3)), np.zeros((3, 2)))
     with pytest.raises(LocplanError, match="one shape"):
-        similarities(np.zeros((0, 3)), np.zeros((0, 3)))
+        compute_similarities(np.zeros((0, 3)), np.zeros((0, 3)))
     with pytest.raises(LocplanError, match="cannot slide"):
         compare_models_along_strip(np.zeros((2, 3), np.uint8), np.zeros((2, 2), np.uint8))
 
@@ -165,7 +168,7 @@ def test_along_theta_the_best_match_is_no_turn():
 def test_along_an_axis_sad_is_the_distributions():
     grid = OccupancyGrid(random_rooms((81, 81), seed=9), 0.1)
     estimator = Sad(range=1.5)
-    area = mismatch(grid, 4.0, 4.0, estimator)
+    area = compute_mismatch_areas(grid, 4.0, 4.0, estimator)
     assert area.shape == (21, 21, 13)
     offsets, curves = compare_models_along_axis(grid, 4.0, 4.0, "y", estimator)
     np.testing.assert_allclose(offsets[::2], np.arange(-10, 11) * 0.2)
@@ -175,7 +178,7 @@ def test_along_an_axis_sad_is_the_distributions():
 def test_places_and_axes_that_are_none_are_refused():
     grid = OccupancyGrid(random_rooms((30, 30), seed=9), 0.1)
     with pytest.raises(LocplanError, match="free space"):
-        mismatch(grid, 9.0, 1.0, Sad())
+        compute_mismatch_areas(grid, 9.0, 1.0, Sad())
     with pytest.raises(LocplanError, match="axis must be"):
         compare_models_along_axis(grid, 1.0, 1.0, "z", Sad())
     with pytest.raises(LocplanError, match="axis must be"):

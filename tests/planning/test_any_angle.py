@@ -87,7 +87,7 @@ def test_shortcuts_equal_the_plain_dynamic_programming(lookahead):
     rng = np.random.default_rng(1)
     density = rng.uniform(1, 5, (20, 20))
     positions = np.cumsum(rng.uniform(-0.5, 1.5, (15, 2)), axis=0) + 2
-    kept = kernels.shortcut(
+    kept = kernels.choose_kept_positions(
         make_bordered_half_density(density, 1),
         22,
         positions + 1,
@@ -109,7 +109,7 @@ def test_32_moves_equal_the_plain_search(seed):
     half = make_bordered_half_density(density, 3)
     moves = any_angle._make_straight_moves(columns, False)
     goal = (11 + 3) * columns + 13 + 3
-    flat = kernels.cheapest_moves(half, 3 * columns + 3, goal, moves)
+    flat = kernels.find_cheapest_move_cells(half, 3 * columns + 3, goal, moves)
     expected = oracles.search.cheapest_moves(density, (0, 0), (11, 13), 3)
     if np.isinf(expected):
         assert flat.size == 0
@@ -126,7 +126,7 @@ def test_shifting_equals_the_plain_loops(seed):
     rng = np.random.default_rng(seed)
     density = rng.uniform(1, 9, (20, 40))
     positions = np.column_stack([rng.uniform(8, 12, 9), np.linspace(2.2, 37.7, 9)])
-    shifted = kernels.shift(
+    shifted = kernels.shift_positions(
         make_bordered_half_density(density, 1), 42, positions + 1, 0.7, 6, False
     )
     np.testing.assert_allclose(shifted - 1, oracles.search.shift(density, positions, 0.7, 6))
@@ -137,7 +137,7 @@ def test_shifting_never_costs_more_and_finds_the_valley():
     density = 1.0 + np.abs(rows - 10)
     half = make_bordered_half_density(density, 1)
     positions = np.column_stack([np.full(9, 4.5), np.linspace(1.5, 40.5, 9)])
-    shifted = kernels.shift(half, 42, positions, 1.0, 20, False)
+    shifted = kernels.shift_positions(half, 42, positions, 1.0, 20, False)
     costs = [
         sum(compute_segment_cost(half, 42, *a, *b, False) for a, b in itertools.pairwise(line))
         for line in (positions, shifted)

@@ -450,7 +450,9 @@ def test_masks_of_runs_are_those_of_plain_loops(count):
     ends = rng.integers(-20, 20, 6), rng.integers(1, count + 1, 6)
     runs = np.column_stack([rng.integers(-3, 4, 6), *ends])
     masks = np.zeros((2, shape[0], 2, 3), np.uint64)
-    bit_masks.add_runs(masks, bit_masks.widen_bits(packed(plane)), runs, np.array([1, 2]), margin)
+    bit_masks.mark_run_collisions(
+        masks, bit_masks.widen_bits(packed(plane)), runs, np.array([1, 2]), margin
+    )
     expected = oracles.lattice.add_runs(plane[:, : shape[1] + 2 * margin], runs, shape)
     assert np.array_equal(unpacked(masks[1, :, :, 2].copy())[:, : shape[1]], expected)
     assert masks.sum(axis=(1, 2)).nonzero()[1].tolist() == [2]
@@ -570,7 +572,7 @@ def test_costs_of_own_lines_and_of_curves_are_those_of_tiny_steps(kind, turn):
             assert own == pytest.approx(expected, rel=5e-3)
         ground = ground._replace(corner_cutting=False)
         for start, end in itertools.pairwise(map(tuple, poses.tolist())):
-            cost = smoothing.curve_cost(ground, drive, start, end)
+            cost = smoothing.compute_curve_cost(ground, drive, start, end)
             word = motions.find_shortest_word(kind, drive.radius, start, end)
             expected = oracles.curves.curve_cost(density, drive, *word, start)
             if math.isfinite(cost):  # the kernel also refuses what touches a corner
@@ -593,7 +595,7 @@ def test_the_straightest_chain_and_shifted_knots_are_those_of_plain_loops(kind):
         def cost_of(start, end, drive=drive, body=body, ground=ground):
             if not smoothing.is_curve_clear(drive, body, start, end):
                 return math.inf
-            return smoothing.curve_cost(ground, drive, start, end)
+            return smoothing.compute_curve_cost(ground, drive, start, end)
 
         posed = [tuple(knot) for knot in knots.tolist()]
         chain = smoothing.find_cheapest_chain(ground, drive, body, knots, own, 3)

@@ -349,7 +349,7 @@ def test_the_picture_has_numbered_lines_rooms_and_places():
     assert texts == {place.name: (place.x, place.y) for place in info.places}
     named = [text.get_text() for text in figure.legends[0].get_texts()]
     assert named[:2] == ["room 1, 21.0 m²", "room 2, 12.0 m²"]
-    assert f"{info.places[0].xy} m" in named
+    assert f"{info.places[0].position_argument} m" in named
 
 
 def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):

@@ -16,7 +16,7 @@ from locplan.planning import Costmap, path_metrics
 from locplan.planning.kernels import curves, motions
 from locplan.planning.ompl.motions import Motions
 
-SHORTEST = {"Dubins": curves.dubins, "ReedsShepp": curves.find_reeds_shepp_curve}
+SHORTEST = {"Dubins": curves.find_dubins_curve, "ReedsShepp": curves.find_reeds_shepp_curve}
 SPACES = {"Dubins": base.DubinsStateSpace, "ReedsShepp": base.ReedsSheppStateSpace}
 
 
@@ -60,7 +60,7 @@ def test_curves_lead_to_their_ends_and_none_of_ompls_is_shorter(name, extent):
 def test_dubins_never_drives_back_and_both_turn_at_least_at_the_radius():
     rng = np.random.default_rng(5)
     for start, end in itertools.pairwise(random_poses(rng, 300, 3.0)):
-        turns, lengths = curves.dubins(*start, *end)
+        turns, lengths = curves.find_dubins_curve(*start, *end)
         assert (lengths >= 0).all()
         assert set(turns) <= {-1, 0, 1}
         back = curves.find_reeds_shepp_curve(*end, *start)[1]
@@ -75,7 +75,7 @@ def test_arcs_cross_the_borders_that_tiny_steps_find(seed):
     center_x, center_y, radius = *rng.uniform(-5, 5, 2), rng.uniform(0.3, 9)
     low = rng.uniform(-7, 7)
     high = low + rng.uniform(0.1, 2 * math.pi)
-    angles = curves.arc_crossings(center_x, center_y, radius, low, high)
+    angles = curves.find_arc_crossings(center_x, center_y, radius, low, high)
     assert angles[0] == low
     assert angles[-1] == high
     assert (np.diff(angles) >= 0).all()
@@ -104,7 +104,7 @@ def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
         turns, lengths = motions.find_shortest_word(kind, radius, start, end)
         expected = oracles.curves.motion_cost(density, turns, lengths, radius, start, step=2e-3)
         shifted = [(x + 1, y + 1, heading) for x, y, heading in (start, end)]
-        cost = motions.motion_cost(
+        cost = motions.compute_motion_cost(
             motions.MotionCostmap(half, columns, 0.0, True), kind, radius, *shifted
         )
         outcomes.add(math.isinf(cost))

@@ -213,7 +213,7 @@ def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
     information.setMotionValidator(Recorder(information, motions))
     searching.setProblemDefinition(problem)
     searching.setup()
-    ends = SearchLimits(iterations=2000).condition()
+    ends = SearchLimits(iterations=2000).make_stop_condition()
     searching.solve(base.PlannerTerminationCondition(ends))
     x, y, best = np.array(samples).T
     detour = np.hypot(x - start[0], y - start[1]) + np.hypot(x - goal[0], y - goal[1])
@@ -475,7 +475,7 @@ def slow_clock(monkeypatch):
 
 @pytest.mark.usefixtures("slow_clock")
 def test_a_time_limit_ends_the_search():
-    ends = SearchLimits(time_limit=0.25).condition()
+    ends = SearchLimits(time_limit=0.25).make_stop_condition()
     assert 248 <= next(n for n in itertools.count() if ends()) <= 250
     start, goal, _ = two_ways_request("R2")
     result = plan(two_ways(), start, goal, planner="RRTstar", time_limit=0.25)

@@ -17,7 +17,7 @@ from locplan.planning.figures import costmap_figure, draw_inset, path_figure, pl
 from locplan.robots import Lidar, Robot
 from locplan.simulation.drives import LOST_TEXT
 from locplan.simulation.figures import queries_figure
-from locplan.simulation.query_routes import Route, Routes
+from locplan.simulation.query_routes import QueryDrives, Routes
 
 LIDAR = Lidar(range=4.0, beams=60)
 
@@ -207,7 +207,7 @@ def test_scales_have_some_round_numbers_and_not_too_many(ends):
 def test_queries_without_a_lost_drive_have_no_empty_panel(lost, panels):
     query = Query("a", (1.0, 1.0), (5.0, 5.0))
     pair = (0.1, 0.12)
-    routes = [Route(query, (5.0, 6.0), pair, (lost, 0.0), (lost, 0.0), pair, pair, {})] * 3
+    routes = [QueryDrives(query, (5.0, 6.0), pair, (lost, 0.0), (lost, 0.0), pair, pair, {})] * 3
     figure = queries_figure(Routes(hall(), routes, {"robot": Robot(LIDAR).summary()}))
     assert len(figure.axes) == panels
     title = figure.get_suptitle()
@@ -220,7 +220,7 @@ def numbers_beside(points):
     routes = []
     for x, y in np.exp(points):
         query, pair = Query("a", (1.0, 1.0), (5.0, 5.0)), (float(x), float(y))
-        routes.append(Route(query, (5.0, 6.0), pair, (0.0, 0.0), (0.0, 0.0), pair, pair, {}))
+        routes.append(QueryDrives(query, (5.0, 6.0), pair, (0.0, 0.0), (0.0, 0.0), pair, pair, {}))
     figure = queries_figure(Routes(hall(), routes, {}))
     return np.array([text.xyann for text in figure.axes[0].texts])
 

@@ -53,7 +53,7 @@ def figures_of(name: str):
     yield "drives", simulation_figure(driven)
     values = np.arange(grid.cells.size).reshape(grid.shape) - 1
     yield "values", values_figure(grid, values, "mask", name)
-    yield "falling values", values_figure(grid, values, "limit", name, falling=True)
+    yield "falling values", values_figure(grid, values, "limit", name, is_falling=True)
 
 
 @pytest.mark.parametrize("name", NAMES, ids=ascii)

@@ -23,7 +23,7 @@ from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import DriveEvaluation, Recording, evaluate_drive
 from locplan.recordings.evaluation import ScanMatches, match_scans
 from locplan.recordings.figures import drive_figure
-from locplan.recordings.kernels.matches import recorded_posteriors
+from locplan.recordings.kernels.matches import write_recorded_posteriors
 
 CARMEN = SHARED_DATA / "carmen"
 
@@ -57,7 +57,7 @@ def test_posteriors_are_those_of_the_plain_loops():
     mean, covariance = np.empty((3, 3)), np.empty((3, 3, 3))
     best, summary = np.empty((3, 3), np.int64), np.empty((3, 3))
     lattice = make_scan_lattice(window.half_steps, window.angles)
-    recorded_posteriors(field, lattice, cells, ends, share, mean, covariance, best, summary)
+    write_recorded_posteriors(field, lattice, cells, ends, share, mean, covariance, best, summary)
     table = likelihood.tabulate_costs(resolution, 0.1, 0.05)
     nats = -math.log(0.05) / TOP
     expected = oracles.scan.recorded_posteriors(

@@ -307,7 +307,7 @@ def test_steps_equal_plain_loops():
     assert math.degrees(offset[2]) == pytest.approx(best[2], abs=1)
     own = max(scores[i, j, t] for i, j, t in scores if abs(i) + abs(j) <= 1)
     assert steps.gains[0] == pytest.approx(scores[best] - own, abs=0.03)
-    assert steps.is_contradicted.tolist() == [True]
+    assert steps.is_contradicted_by_scans.tolist() == [True]
     true = compute_motions(*line)
     assert np.abs(steps.measured[0] - true)[:2].max() < 0.06
     assert abs(wrap_angles(steps.measured[0, 2] - true[2])) < math.radians(1.5)

@@ -22,7 +22,12 @@ from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import Recording
 from locplan.recordings.evaluation import match_scans
 from locplan.recordings.figures import locate_figure, located_drive_figure
-from locplan.recordings.kernels.scan_losses import fits, loss_at, refine_on_lattice, refine_pose
+from locplan.recordings.kernels.scan_losses import (
+    can_robot_stand_at,
+    compute_loss_at_pose,
+    refine_on_lattice,
+    refine_pose,
+)
 from locplan.recordings.location import locate_drive
 from locplan.recordings.matching import (
     MatchingSettings,
@@ -280,7 +285,7 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
     ranges = scan_at(different, LIDAR, *POSES[0])
     compared = database.matching.select_ranges(ranges[None])[0]
     scan = ScanOnMap(database, compared)
-    ends, lever = scan.ends, scan.lever
+    ends, lever = scan.ends, scan.turn_lever
     tables, last = database.tables, len(database.tables.corners) - 1
 
     def refined(pose):
@@ -294,8 +299,8 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
     gains = []
     for shift in ((4.0, -3.0, 0.15), (11.0, -9.0, 0.3), (-9.0, 8.0, -0.4), (30.0, 0.0, 0.0)):
         expected, least = oracles.matching.settle(
-            lambda pose: loss_at(tables, last, ends, *pose),
-            lambda pose: fits(tables, *pose[:2]),
+            lambda pose: compute_loss_at_pose(tables, last, ends, *pose),
+            lambda pose: can_robot_stand_at(tables, *pose[:2]),
             refined,
             *(4, 2.0, 3, 0.1),
             tuple((at + shift).tolist()),
@@ -303,13 +308,15 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
         pose = at + shift
         assert refine_on_lattice(tables, ends, lever, 4, 2.0, 3, 0.1, pose) == least
         np.testing.assert_array_equal(pose, expected)
-        gains.append(loss_at(tables, last, ends, *refined(tuple((at + shift).tolist()))) - least)
+        gains.append(
+            compute_loss_at_pose(tables, last, ends, *refined(tuple((at + shift).tolist()))) - least
+        )
     assert max(gains) > 0
 
 
 def test_the_beams_that_count_are_few_and_all_round(different):
     lidar = replace(LIDAR, beams=1000)
-    on_robot = lidar.ends_on_robot(np.full((1, 1000), 2.0, np.float32))
+    on_robot = lidar.compute_ends_on_robot(np.full((1, 1000), 2.0, np.float32))
     ends = ScanDatabase(different, lidar).select_compared_ends(on_robot[0])
     assert ends.shape == (2, 360)
     np.testing.assert_allclose(np.hypot(*ends), 2.0 / different.resolution, rtol=1e-5)

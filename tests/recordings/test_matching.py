@@ -141,7 +141,9 @@ def test_the_shortlist_is_that_of_plain_loops(places, beams, keep):
     chosen = random.permutation(TURNS)[:beams]
     scan = np.roll(codes[0], 5)[chosen]
     scan = (scan + random.integers(0, 3, beams)).astype(np.uint8)  # past 255 and on from 0
-    scores, where = lists.shortlist(laid_out(codes), places, chosen, scan, CAP, keep)
+    scores, where = lists.find_best_place_turn_pairs(
+        laid_out(codes), places, chosen, scan, CAP, keep
+    )
     expected = oracles.matching.shortlist(codes, chosen, scan, CAP, keep)
     assert scores.tolist() == [score for score, _ in expected]
     last = scores[-1]
@@ -185,10 +187,10 @@ class Table:
         self.ends = random.uniform(-8, 8, (2, 11)).astype(np.float32)
 
     def loss(self, x, y, heading):
-        return losses.loss_at(self.tables, 0, self.ends, x, y, heading)
+        return losses.compute_loss_at_pose(self.tables, 0, self.ends, x, y, heading)
 
     def fits(self, x, y):
-        return losses.fits(self.tables, x, y)
+        return losses.can_robot_stand_at(self.tables, x, y)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -288,10 +290,12 @@ def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
 
     def fits(x, y):
         far = math.hypot(x - home[0], y - home[1]) * grid.resolution > 2.0
-        return far and losses.fits(tables, x, y)
+        return far and losses.can_robot_stand_at(tables, x, y)
 
     def loss(x, y, heading):
-        return losses.loss_at(tables, last, ScanOnMap(database, ranges).ends, x, y, heading)
+        return losses.compute_loss_at_pose(
+            tables, last, ScanOnMap(database, ranges).ends, x, y, heading
+        )
 
     rows, cols = grid.shape
     box = [(0.0, cols), (0.0, rows), (-math.pi, math.pi)]
@@ -299,7 +303,7 @@ def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
         bound, loss, fits, box, (1.0, 1.0, math.radians(3.0))
     )
     assert where is not None
-    exact = loss(*where) * database.matching.nats_a_loss / losses.TOP
+    exact = loss(*where) * database.matching.max_loss_nats / losses.TOP
     assert exact < 15  # beyond, modes need not be found
     assert expected > 0
     assert found.losses[away].min() <= exact + 0.05

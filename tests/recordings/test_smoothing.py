@@ -87,7 +87,7 @@ def small_scene():
 
 def test_the_fit_of_a_scan_is_that_of_its_ends_and_its_equations_are_the_slope():
     walls, field, ends = small_scene()
-    beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
+    beams = least_squares.BeamMixture(0.1, 0.1, 30.0, -1.0)
     matrix, vector = np.empty((3, 3)), np.empty(3)
     random = np.random.default_rng(3)
     for _ in range(20):
@@ -158,7 +158,7 @@ def some_drive(ends):
 def test_the_equations_of_odometry_are_the_slope_of_its_loss():
     _, field, ends = small_scene()
     drive, poses = some_drive(ends * np.nan)
-    beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
+    beams = least_squares.BeamMixture(0.1, 0.1, 30.0, -1.0)
     equations = least_squares.NormalEquations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
     least_squares.write_normal_equations(field, beams, drive, poses, equations)
     slope, rest = equations.vector.copy(), least_squares.NormalEquations(*map(np.copy, equations))
@@ -176,7 +176,7 @@ def test_the_equations_of_odometry_are_the_slope_of_its_loss():
 def test_refined_poses_lose_less_and_follow_odometry_where_scans_say_nothing():
     _, field, ends = small_scene()
     drive, poses = some_drive(ends)
-    beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
+    beams = least_squares.BeamMixture(0.1, 0.1, 30.0, -1.0)
     equations = least_squares.NormalEquations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
     before = least_squares.write_normal_equations(field, beams, drive, poses, equations)
     found = poses.copy()
@@ -220,7 +220,9 @@ def test_samples_backwards_follow_what_leads_to_the_end():
     clouds[2, 1] = 5.0  # of which one ends here
     moves, deviations = np.tile([1.0, 0, 0], (3, 1)), np.full((3, 3), 0.1)
     samples = np.empty((30, 3, 3))
-    kernels.sample_backwards(np.random.default_rng(7), clouds, moves, deviations, 1e-15, samples)
+    kernels.sample_trajectories_backwards(
+        np.random.default_rng(7), clouds, moves, deviations, 1e-15, samples
+    )
     assert (samples[..., 1] == 5.0).all()
 
 
@@ -230,7 +232,9 @@ def test_samples_backwards_are_those_of_plain_loops():
     clouds[2, 2] += 2 * np.pi
     moves, deviations = random.normal(0.0, 0.2, (4, 3)), random.uniform(0.05, 0.3, (4, 3))
     samples, seed = np.empty((10, 4, 3)), 11
-    kernels.sample_backwards(np.random.default_rng(seed), clouds, moves, deviations, 1e-15, samples)
+    kernels.sample_trajectories_backwards(
+        np.random.default_rng(seed), clouds, moves, deviations, 1e-15, samples
+    )
     expected = oracles.trajectories.sample_backwards(
         np.random.default_rng(seed), clouds.astype(float), moves, deviations, 1e-15, 10
     )

@@ -32,10 +32,10 @@ def test_rank_correlations_are_scipys():
     random = np.random.default_rng(0)
     for n in (5, 40, 200):
         values, errors = random.integers(0, 12, n).astype(float), random.lognormal(size=n)
-        assert intervals.spearman(values, errors) == pytest.approx(
+        assert intervals.compute_spearman(values, errors) == pytest.approx(
             stats.spearmanr(values, errors)[0]
         )
-    assert intervals.spearman(np.ones(6), np.arange(6.0)) == 0
+    assert intervals.compute_spearman(np.ones(6), np.arange(6.0)) == 0
 
 
 def test_areas_under_the_curve_are_those_of_the_rank_sum():
@@ -44,7 +44,7 @@ def test_areas_under_the_curve_are_those_of_the_rank_sum():
     worst = np.argsort(errors)[-12:]
     others = np.setdiff1d(np.arange(60), worst)
     expected = stats.mannwhitneyu(values[worst], values[others]).statistic / (12 * 48)
-    assert intervals.auc(values, errors) == pytest.approx(expected)
+    assert intervals.compute_auc(values, errors) == pytest.approx(expected)
 
 
 def test_a_resample_is_ranked_like_the_places_drawn():
@@ -57,7 +57,7 @@ def test_a_resample_is_ranked_like_the_places_drawn():
     )
     often = drawn.places[0][0].astype(int)
     expected = stats.spearmanr(np.repeat(values, often), np.repeat(errors, often))[0]
-    assert intervals.rank([values], [errors], one).spearman[1:] == pytest.approx(
+    assert intervals.compute_rank_statistics([values], [errors], one).spearman[1:] == pytest.approx(
         (expected, expected)
     )
 
@@ -67,7 +67,7 @@ def test_intervals_of_ranks_hold_the_truth():
     truth = 6 / math.pi * math.asin(0.6 / 2)  # Spearman's of a bivariate normal with r = 0.6
     for seed in range(60):
         a, b = random.multivariate_normal([0, 0], [[1, 0.6], [0.6, 1]], 80).T
-        low, high = intervals.rank(
+        low, high = intervals.compute_rank_statistics(
             [a], [b], intervals.BootstrapResamples.from_counts([80], seed)
         ).spearman[1:]
         inside += low <= truth <= high
@@ -79,10 +79,12 @@ def test_several_maps_widen_the_interval_and_are_averaged():
     # Within each map the values say nothing; between maps everything.
     errors = [np.exp(m + 0.1 * random.standard_normal(50)) for m in range(4)]
     values = [m + 0.1 * random.standard_normal(50) for m in range(4)]
-    found = intervals.rank(values, errors, intervals.BootstrapResamples.from_counts([50] * 4))
+    found = intervals.compute_rank_statistics(
+        values, errors, intervals.BootstrapResamples.from_counts([50] * 4)
+    )
     assert found.spearman.value > 0.85
     assert abs(found.within.value) < 0.2
-    alone = intervals.rank(
+    alone = intervals.compute_rank_statistics(
         [np.concatenate(values)],
         [np.concatenate(errors)],
         intervals.BootstrapResamples.from_counts([200]),

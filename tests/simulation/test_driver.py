@@ -85,7 +85,7 @@ def test_splitmix64_gives_the_published_numbers():
 def test_world_flips_the_share_of_boundary_cells(noise):
     robot = dataclasses.replace(ROBOT, disturbances=Disturbances(boundary_noise=noise))
     simulator = Simulator(room(200, 300), robot)
-    boundary, stops = simulator.boundary, simulator.stops
+    boundary, stops = simulator.boundary, simulator.is_occupied
     flips = np.array(
         [simulator.make_world_region().find_occupied_cells(7, n) != stops for n in range(40)]
     )

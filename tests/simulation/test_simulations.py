@@ -26,7 +26,7 @@ from locplan.robots.nav2 import read_amcl
 from locplan.simulation import Drives, Simulator, drive_open, simulate
 from locplan.simulation.drives import DRIVE_COLUMNS, LOST_DISTANCE, compute_rmse_ratio
 from locplan.simulation.figures import simulation_figure
-from locplan.simulation.query_routes import Route, Routes, RoutesOnMaps, simulate_queries
+from locplan.simulation.query_routes import QueryDrives, Routes, RoutesOnMaps, simulate_queries
 from locplan.simulation.worlds import make_path_poses
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -310,11 +310,11 @@ def test_the_aware_path_is_followed_better_in_the_hall():
 def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_kept(monkeypatch):
     ends = Query("a", (0, 0), (9, 0))
     routes = [
-        Route(ends, (9.0, 9.0), (0.1, 0.1), lost, lost, kept, (1.0, 1.0), {})
+        QueryDrives(ends, (9.0, 9.0), (0.1, 0.1), lost, lost, kept, (1.0, 1.0), {})
         for lost, kept in (((0.0, 0.0), (0.2, 0.4)), ((0.5, 0.5), (0.8, 0.1)))
     ]
     errors = (2.0, 0.1), (1.0, 0.0), (1.0, 0.0), (math.nan, 0.1), (2.0, 0.1)
-    lost = Route(ends, (9.0, 9.0), *errors, {})
+    lost = QueryDrives(ends, (9.0, 9.0), *errors, {})
     grid = open_space(4.0)
     assert Routes(grid, [*routes, lost], {}).kept_rmse == pytest.approx((0.4, 0.2))
     only = Routes(grid, [lost], {})

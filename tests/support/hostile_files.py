@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from locplan._support.output import ResultOutput
-from locplan._support.runs import RunRecord, format_run, running
+from locplan._support.runs import RunRecord, format_run, record_run
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
 from locplan.comparison.journal import RunJournal
 from locplan.comparison.planners import PlannerSpec
@@ -246,7 +246,7 @@ def saved(folder: Path) -> None:
     ends = [GRID.position(*np.argwhere(GRID.free)[0].tolist())] * 2
     plan(COSTS, *ends, planner=lambda *query: Route(query[1:])).write(folder / "plan.json")
     run = RunRecord("plan", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"}))
-    with running(run):
+    with record_run(run):
         text = format_run(folder, "choice", {"a.csv": "0" * 64})
     (folder / "run.yaml").write_text(text, encoding="utf-8")
 
@@ -342,7 +342,7 @@ READERS = {
     "settings": Reader(settings, "?.json", lambda file: load_config(file).to_json(), JSON),
     "costmap": Reader(saved, "costs.npz", Costmap.load, (edit,)),
     "plan": Reader(saved, "plan.json", lambda file: Plan.load(file).report(), JSON),
-    "run": Reader(saved, "run.yaml", lambda file: RunRecord.read(file).words()),
+    "run": Reader(saved, "run.yaml", lambda file: RunRecord.read(file).list_command_words()),
     "outputs": Reader(
         saved,
         "run.yaml",

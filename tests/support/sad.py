@@ -6,7 +6,7 @@ import numpy as np
 
 from locplan.field import Sad
 from locplan.field.kernels import sad as kernel
-from locplan.field.templates import disc
+from locplan.field.templates import make_disc_mask
 
 
 def count_mismatches(layout, *, visible=False, kept=None):
@@ -14,7 +14,7 @@ def count_mismatches(layout, *, visible=False, kept=None):
     offsets, headings = 2 * layout.window.half_steps + 1, layout.window.angles.size
     kept = np.ones((headings, len(layout.part.rows), offsets), bool) if kept is None else kept
     result = np.full((kept.shape[1], offsets, offsets, headings), -1)
-    weights = np.ones(2 * np.count_nonzero(disc(layout.radius)) + 1)
+    weights = np.ones(2 * np.count_nonzero(make_disc_mask(layout.radius)) + 1)
     for group in layout.groups():
         tile, unused = layout.tile(group), (np.zeros(2, np.int64), np.empty((1, 3, 3)))
         for n, cell in enumerate(group.cells):

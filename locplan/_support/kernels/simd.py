@@ -52,7 +52,7 @@ _WORDS, _SHORTS, _OCTETS = (
 _WORD, _INDEX = types.uint64, types.intp
 
 
-def operation(result_type: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
+def kernel_operation(result_type: Any, *argument_kinds: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that makes a kernel function of a body which calls LLVM's builder."""
 
     def decorate(body: Callable[..., Any]) -> Any:
@@ -70,7 +70,7 @@ def operation(result_type: Any, *kinds: Any) -> Callable[[Callable[..., Any]], A
 
             resolved_types = [
                 kind or argument_type
-                for kind, argument_type in zip(kinds, argument_types, strict=True)
+                for kind, argument_type in zip(argument_kinds, argument_types, strict=True)
             ]
             return result_type(*resolved_types), generate_code
 
@@ -79,7 +79,7 @@ def operation(result_type: Any, *kinds: Any) -> Callable[[Callable[..., Any]], A
     return decorate
 
 
-def _place(builder: Any, array: Any, index: Any, kind: Any) -> tuple[Any, int]:
+def _get_aligned_pointer(builder: Any, array: Any, index: Any, kind: Any) -> tuple[Any, int]:
     """Return the pointer to an index of an array, and the alignment of the array's items."""
     pointer = builder.bitcast(builder.gep(array, [index]), kind.as_pointer())
     return pointer, array.type.pointee.width // 8
@@ -87,13 +87,13 @@ def _place(builder: Any, array: Any, index: Any, kind: Any) -> tuple[Any, int]:
 
 def _load(builder: Any, array: Any, index: Any, kind: Any) -> Any:
     """Load a vector at an index of an array."""
-    pointer, align = _place(builder, array, index, kind)
+    pointer, align = _get_aligned_pointer(builder, array, index, kind)
     return builder.load(pointer, align=align)
 
 
 def _store(builder: Any, value: Any, array: Any, index: Any) -> None:
     """Store a vector at an index of an array."""
-    pointer, align = _place(builder, array, index, value.type)
+    pointer, align = _get_aligned_pointer(builder, array, index, value.type)
     builder.store(value, pointer, align=align)
 
 
@@ -114,7 +114,7 @@ def _call_llvm_intrinsic(builder: Any, name: str, *values: Any) -> Any:
     return builder.call(function, values)
 
 
-def _lanes(builder: Any, predicate: str, values: Any, limits: Any) -> Any:
+def _pack_compared_lanes(builder: Any, predicate: str, values: Any, limits: Any) -> Any:
     """Return a word with a bit for each lane of `values` that fulfils the predicate."""
     lane_flags = builder.icmp_unsigned(predicate, values, limits)
     return builder.zext(builder.bitcast(lane_flags, ir.IntType(values.type.count)), ir.IntType(64))
@@ -131,7 +131,7 @@ def _make_zeros_operation(vector: SimdVectorType) -> Any:
     def zeros(builder: Any) -> Any:
         return ir.Constant(vector.llvm, [0] * vector.llvm.count)
 
-    return operation(vector)(zeros)
+    return kernel_operation(vector)(zeros)
 
 
 zeros, zero_shorts, zero_octets = (
@@ -141,7 +141,7 @@ zeros, zero_shorts, zero_octets = (
 )
 
 
-@operation(_WORDS, _WORDS, _WORD, ARRAY, _INDEX)
+@kernel_operation(_WORDS, _WORDS, _WORD, ARRAY, _INDEX)
 def add_matches(builder: Any, counts: Any, word: Any, words: Any, index: Any) -> Any:
     """Return ``counts + popcount(word & words[index : index + 8])``, lane by lane."""
     common_bits = builder.and_(
@@ -150,7 +150,7 @@ def add_matches(builder: Any, counts: Any, word: Any, words: Any, index: Any) ->
     return builder.add(counts, _call_llvm_intrinsic(builder, "ctpop", common_bits))
 
 
-@operation(_WORDS, _WORDS, ARRAY, _INDEX, _INDEX)
+@kernel_operation(_WORDS, _WORDS, ARRAY, _INDEX, _INDEX)
 def add_difference(
     builder: Any, counts: Any, values: Any, index: Any, subtracted_index: Any
 ) -> Any:
@@ -159,7 +159,7 @@ def add_difference(
     return builder.sub(total, _load(builder, values, subtracted_index, _WORDS.llvm))
 
 
-@operation(types.void, _WORDS, ARRAY, _INDEX)
+@kernel_operation(types.void, _WORDS, ARRAY, _INDEX)
 def store_negative(builder: Any, a: Any, target: Any, index: Any) -> None:
     """Set ``target[index : index + 8] = -a`` in an array of int64."""
     _store(builder, builder.neg(a), target, index)
@@ -173,7 +173,7 @@ def _make_add_operation(vector: SimdVectorType, bits: int) -> Any:
         sums = builder.add(_load(builder, target, index, wide), builder.zext(total, wide))
         _store(builder, sums, target, index)
 
-    return operation(types.void, ARRAY, _INDEX, vector)(add_vector)
+    return kernel_operation(types.void, ARRAY, _INDEX, vector)(add_vector)
 
 
 add_to = _make_add_operation(_WORDS, 64)
@@ -184,19 +184,19 @@ add_octets_to = _make_add_operation(_OCTETS, 16)
 """``target[index : index + 64] += total`` for an array of uint16."""
 
 
-@operation(types.int64, _WORD)
+@kernel_operation(types.int64, _WORD)
 def popcount(builder: Any, word: Any) -> Any:
     """Return the number of ones in a 64-bit word."""
     return _call_llvm_intrinsic(builder, "ctpop", word)
 
 
-@operation(types.int64, _WORD)
+@kernel_operation(types.int64, _WORD)
 def find_lowest_bit(builder: Any, word: Any) -> Any:
     """Return the index of the lowest set bit in a 64-bit word, which must not be 0."""
     return builder.cttz(word, ir.IntType(1)(1))
 
 
-@operation(_WORD, ARRAY, _INDEX)
+@kernel_operation(_WORD, ARRAY, _INDEX)
 def load_word(builder: Any, octets: Any, index: Any) -> Any:
     """Return the 64-bit word at ``octets[index : index + 8]`` (any alignment), from uint8."""
     return _load(builder, octets, index, ir.IntType(64))
@@ -209,9 +209,11 @@ def _make_masked_compare_operation(predicate: str, against: int) -> Any:
         words = _load(builder, octets, at, _WORDS.llvm)
         words = builder.xor(words, _splat(builder, flip, _WORDS.llvm))
         words = builder.and_(words, _load(builder, masks, first, _WORDS.llvm))
-        return _lanes(builder, predicate, words, ir.Constant(_WORDS.llvm, [against] * LANES))
+        return _pack_compared_lanes(
+            builder, predicate, words, ir.Constant(_WORDS.llvm, [against] * LANES)
+        )
 
-    return operation(_WORD, ARRAY, _INDEX, _WORD, ARRAY, _INDEX)(lanes)
+    return kernel_operation(_WORD, ARRAY, _INDEX, _WORD, ARRAY, _INDEX)(lanes)
 
 
 set_lanes = _make_masked_compare_operation("!=", 0)
@@ -221,40 +223,40 @@ full_lanes = _make_masked_compare_operation("==", 2**64 - 1)
 """Variant of `set_lanes` with one bit for each word for which that value is all ones."""
 
 
-@operation(_SHORTS, _SHORTS, ARRAY, _INDEX)
+@kernel_operation(_SHORTS, _SHORTS, ARRAY, _INDEX)
 def add_shorts(builder: Any, total: Any, values: Any, index: Any) -> Any:
     """Return ``total + values[index : index + 32]`` of an array of uint16, lane by lane."""
     return builder.add(total, _load(builder, values, index, _SHORTS.llvm))
 
 
-@operation(_SHORTS, _SHORTS, ARRAY, _INDEX, types.uint16, types.uint16)
+@kernel_operation(_SHORTS, _SHORTS, ARRAY, _INDEX, types.uint16, types.uint16)
 def add_distances(builder: Any, total: Any, counts: Any, index: Any, value: Any, shift: Any) -> Any:
     """Return ``total + (abs(counts[index : index + 32] - value) >> shift)``, saturating.
 
     A sum that reaches `MAX_SHORT` stays there, so that "more than a limit" remains right for any
     number of terms.
     """
-    array_values = _load(builder, counts, index, _SHORTS.llvm)
-    reference = _splat(builder, value, _SHORTS.llvm)
+    count_lanes = _load(builder, counts, index, _SHORTS.llvm)
+    value_lanes = _splat(builder, value, _SHORTS.llvm)
     above, below = (
-        _call_llvm_intrinsic(builder, "usub.sat", array_values, reference),
-        _call_llvm_intrinsic(builder, "usub.sat", reference, array_values),
+        _call_llvm_intrinsic(builder, "usub.sat", count_lanes, value_lanes),
+        _call_llvm_intrinsic(builder, "usub.sat", value_lanes, count_lanes),
     )
     distances = builder.lshr(builder.or_(above, below), _splat(builder, shift, _SHORTS.llvm))
     return _call_llvm_intrinsic(builder, "uadd.sat", total, distances)
 
 
-@operation(_WORD, _SHORTS, types.uint16)
+@kernel_operation(_WORD, _SHORTS, types.uint16)
 def flag_small_lanes(builder: Any, total: Any, limit: Any) -> Any:
     """Return one bit for each lane of `total` that is at most `limit`."""
-    return _lanes(builder, "<=", total, _splat(builder, limit, _SHORTS.llvm))
+    return _pack_compared_lanes(builder, "<=", total, _splat(builder, limit, _SHORTS.llvm))
 
 
-@operation(_OCTETS, _OCTETS, ARRAY, _INDEX, types.uint8, types.uint8)
+@kernel_operation(_OCTETS, _OCTETS, ARRAY, _INDEX, types.uint8, types.uint8)
 def add_gaps(
     builder: Any, total: Any, codes: Any, index: Any, reference_code: Any, max_gap: Any
 ) -> Any:
-    """Return ``total + min(gap, max_gap)``, the gaps from ``codes[index : index + 64]`` to `reference_code`.
+    """Return ``total + min(gap, max_gap)`` with the gaps of ``codes[index : index + 64]``.
 
     Codes are counted modulo 256, so that a gap is the shorter way round. The caller ensures that no
     sum exceeds `MAX_OCTET`.
@@ -271,9 +273,13 @@ def _make_compare_operation(predicate: str, bits: int, lanes: int) -> Any:
 
     def compare_lanes(builder: Any, values: Any, index: Any, limit: Any) -> Any:
         limits = _splat(builder, limit, vector)
-        return _lanes(builder, predicate, _load(builder, values, index, vector), limits)
+        return _pack_compared_lanes(
+            builder, predicate, _load(builder, values, index, vector), limits
+        )
 
-    return operation(_WORD, ARRAY, _INDEX, types.Integer.from_bitwidth(bits, False))(compare_lanes)
+    return kernel_operation(_WORD, ARRAY, _INDEX, types.Integer.from_bitwidth(bits, False))(
+        compare_lanes
+    )
 
 
 lanes_at_most = _make_compare_operation("<=", 32, SHORTS)
@@ -284,7 +290,7 @@ lanes_below = _make_compare_operation("<", 16, OCTETS)
 array of uint16 below `limit`."""
 
 
-@operation(types.void, ARRAY, _INDEX)
+@kernel_operation(types.void, ARRAY, _INDEX)
 def prefetch(builder: Any, array: Any, index: Any) -> None:
     """Prefetch the memory line of ``array[index]``; any index is safe."""
     byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)

@@ -141,7 +141,7 @@ def trace_cheapest_path(
         cell, min_cost, before = path[-1], np.inf, -1
         for n in range(8):
             neighbour = cell + ROWS[n] * columns + COLUMNS[n]
-            place = find_place(path_cells, neighbour)
+            place = find_path_cell_index(path_cells, neighbour)
             free = half_density[cell + ROWS[n] * columns] + half_density[cell + COLUMNS[n]] < np.inf
             if place >= 0 and free:
                 through = cost[place] + LENGTHS[n] * (half_density[cell] + half_density[neighbour])
@@ -189,7 +189,7 @@ def _find_path_cells(size: int, columns: int, steps: Octets, tip: int) -> tuple[
         cell = cells[order[at]]
         for n in range(8):
             if steps[cell] >> n & 1:
-                place = find_place(path_cells, cell + ROWS[n] * columns + COLUMNS[n])
+                place = find_path_cell_index(path_cells, cell + ROWS[n] * columns + COLUMNS[n])
                 waits[place] -= 1
                 if waits[place] == 0:
                     order[n_ordered] = place
@@ -214,7 +214,7 @@ def _sum_costs(
     cost = np.empty(used)
     for k in range(used):
         cost[k] = np.inf
-    cost[find_place(path_cells, start)] = 0.0
+    cost[find_path_cell_index(path_cells, start)] = 0.0
     for at in range(used):
         k = order[used - 1 - at] if from_root else order[at]
         cell = path_cells.cells[k]
@@ -224,7 +224,7 @@ def _sum_costs(
                 neighbour = cell + ROWS[n] * columns + COLUMNS[n]
                 step, m = (
                     LENGTHS[n] * (half_density[cell] + half_density[neighbour]),
-                    find_place(path_cells, neighbour),
+                    find_path_cell_index(path_cells, neighbour),
                 )
                 if from_root:
                     cost[k] = min(cost[k], cost[m] + step)
@@ -234,7 +234,7 @@ def _sum_costs(
 
 
 @njit(inline="always")
-def find_place(path_cells: PathCells, cell: int) -> int:
+def find_path_cell_index(path_cells: PathCells, cell: int) -> int:
     """Return the number of a cell on cheapest paths, -1 if it is not on one."""
     page = path_cells.table[cell >> PAGE]
     return int(path_cells.pages[(page << PAGE) + (cell & IN_PAGE)]) - 1

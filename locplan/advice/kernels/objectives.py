@@ -52,14 +52,14 @@ class MotionNoise(NamedTuple):
 def update_covariance(covariance: Floats, sums: Floats, sensing: BeamSensing) -> None:
     """Turn a covariance P (6,) into (P^-1 + I)^-1, with I from the sums (7,)."""
     share = sensing.share / (1 + sensing.hit_coefficient * max(sums[HITS], 0.0))
-    _invert(covariance)
+    _invert_covariance(covariance)
     for k in range(6):
         covariance[k] += share * sums[k]
-    _invert(covariance)
+    _invert_covariance(covariance)
 
 
 @njit(inline="always")
-def _invert(matrix: Floats) -> None:
+def _invert_covariance(matrix: Floats) -> None:
     """Invert a symmetric matrix (6,) in place."""
     a, b, d, c, e, f = matrix[XX], matrix[XY], matrix[YY], matrix[XT], matrix[YT], matrix[TT]
     cofactor_xx, cofactor_xy, cofactor_xt = d * f - e * e, c * e - b * f, b * e - c * d
@@ -202,7 +202,7 @@ def _sum_variances(
     models: tuple[BeamSensing, MotionNoise],
     base_covariances: tuple[Floats, Floats],
 ) -> float:
-    """Return the sum `variance_sum` of P_xx + P_yy over all poses, updated for an object at `place`.
+    """Return the sum of P_xx + P_yy over all poses, updated for an object at `place`.
 
     `stretch` is the range of the object's sightings. Covariances are followed from each pose that
     sees the object until they agree with `base_covariances`, before and after each scan without it.

@@ -18,7 +18,7 @@ from cyclopts import App, Group, Parameter
 from cyclopts.help import DefaultFormatter
 
 from locplan import __version__
-from locplan._support.runs import RunRecord, Setting, running
+from locplan._support.runs import RunRecord, Setting, record_run
 from locplan._support.supervision import INTERRUPTED, TERMINATED
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def run_tokens(tokens: list[str]) -> tuple[int | None, RunRecord]:
             command = app(tokens)  # a callable with its options, or the exit code
             return cast("int | None", command() if callable(command) else command)
 
-    with running(RunRecord("", {})) as run:
+    with record_run(RunRecord("", {})) as run:
         app.config = (partial(_record_settings, run),)
         return cast("int | None", app.meta(tokens)), run
 

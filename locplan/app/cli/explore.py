@@ -99,7 +99,7 @@ def explore(
     if report and field.stride is None:
         config = dataclasses.replace(config, stride=COARSE_STRIDE)
     grid = locplan.load_map(page_map)
-    ends = report.ends if report else {}
+    ends = report.first_route_ends if report else {}
     opening = StartSettings(
         config,
         on_map,

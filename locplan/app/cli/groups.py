@@ -155,10 +155,10 @@ class RobotOptions:
         from locplan.field.config import equip_robot
 
         robot = equip_robot(self.load(), config)
-        self.warn(robot)
+        self.warn_of_filter_settings(robot)
         return robot
 
-    def warn(self, robot: Robot) -> None:
+    def warn_of_filter_settings(self, robot: Robot) -> None:
         """Warn of filter settings that do not suit the robot's lidar."""
         from locplan.robots.nav2 import ParameterWarning
         from locplan.robots.parameters import read_parameters
@@ -517,7 +517,7 @@ class OutputOptions:
     def check(self, files: ResultFiles, *further_names: str) -> None:
         """Raise a LocplanError if the files cannot be written; called before long computations."""
         if self.output:
-            files.into(self.output, *further_names, force=self.force)
+            files.make_output(self.output, *further_names, force=self.force)
 
     def finish(
         self, result: Any, *details: Any, saved_details: tuple[Any, ...] | None = None

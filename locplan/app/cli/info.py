@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import locplan
-from locplan._support.files import PICTURES, check_target
+from locplan._support.files import PICTURES, check_writable_file
 from locplan._support.output import ResultOutput as Target
 from locplan._support.progress import show_progress_bar, show_spinner
 from locplan.app.cli.application import command
@@ -142,7 +142,7 @@ def _make_target(map_file: Path, output: OutputOptions) -> Target | None:
         picture = Target(
             output.output, "info", output.force, is_file=True, purposes={"*": "the picture"}
         )
-        check_target(output.output, *PICTURES)
+        check_writable_file(output.output, *PICTURES)
         picture.check()
         return picture
     folder = Target(

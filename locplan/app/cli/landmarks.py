@@ -81,7 +81,7 @@ def landmarks(
     from locplan.advice.landmark_objects import parse_object
     from locplan.advice.landmarks import DRIVES, Landmarks, verify_landmarks
     from locplan.planning.queries import read_stations
-    from locplan.simulation.drives import check_drives
+    from locplan.simulation.drives import check_drive_count
 
     check_ends(start, goal)
     if bool(path) + (places is not None) + (start is not None) != 1:
@@ -92,7 +92,7 @@ def landmarks(
         places_by_name = {station.name: (station.x, station.y) for station in stations}
     kind = parse_object(object)
     drives = DRIVES if drives is None else drives
-    check_drives(drives, or_none=True)
+    check_drive_count(drives, allows_none=True)
     simulated, grid = robot.load_with_field_lidar(), locplan.load_map(map_file)
     output.check(Landmarks.files)
     with show_progress_bar("placing landmarks", "objects") as progress:

@@ -156,7 +156,7 @@ def plan(
         return _show_pareto_front(map_file, start, goal, zones, robot, field, threads, output)
     simulated, config = field.resolve(robot.load())
     if simulated.lidar is not None and drives != 0:
-        robot.warn(simulated)
+        robot.warn_of_filter_settings(simulated)
     if simulated.outline and budget is not None:
         radius = simulated.outline.inscribed_radius
         print(
@@ -219,7 +219,7 @@ def _parse_planners(
     planners = {}
     for spec in parse_planners(texts):
         make_planner(spec.planner, via=[*via], max_e=max_e, budget=budget)
-        (planner_seed,) = spec.seeds([seed])
+        (planner_seed,) = spec.select_seeds([seed])
         is_random = has_option(spec.planner, "seed")
         planners[spec.label] = (
             with_options(spec.planner, seed=planner_seed) if is_random else spec.planner

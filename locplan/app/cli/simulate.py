@@ -145,11 +145,11 @@ def simulate(
     simulated, config = field.resolve(robot.load())
     is_assumed = simulated.lidar is None
     simulated = equip_robot(simulated, config)
-    robot.warn(simulated)
+    robot.warn_of_filter_settings(simulated)
     grids = [locplan.load_map(file) for file in files]
     filter_grid = load_filter_map(filter_map, maps)
 
-    def costmap(grid: locplan.OccupancyGrid) -> locplan.Costmap:
+    def make_costmap(grid: locplan.OccupancyGrid) -> locplan.Costmap:
         computed = field.compute(grid, config, threads)
         return locplan.Costmap.from_field(computed, robot=simulated, weight=weight)
 
@@ -161,7 +161,7 @@ def simulate(
         output.check(kind.files, *kind.pictures([grid.name for grid in grids]))
         routes = []
         for grid in grids:
-            costs = costmap(grid)
+            costs = make_costmap(grid)
             queries = random_queries(costs, random, seed, min_distance=distance)
             with show_progress_bar(f"simulating in {grid.name}", "drives") as progress:
                 routes.append(
@@ -185,7 +185,7 @@ def simulate(
         if start == goal:
             raise ConfigError("--start and --goal are the same position; choose two positions")
         plans.check_ends(locplan.Costmap.blank(grid, robot=simulated), start, goal)
-        path_costs = costmap(grid)
+        path_costs = make_costmap(grid)
         aware_and_shortest = plan_with_shortest(path_costs, start, goal)
         paths = {
             name: plan.path for name, plan in aware_and_shortest.items() if plan.path is not None
@@ -234,7 +234,7 @@ def _replay(
     grid = locplan.load_map(map_file)
     ground_truth = load_recording(recording, grid, map_file)
     replayed = robot.load_recorded(ground_truth)
-    robot.warn(replayed)
+    robot.warn_of_filter_settings(replayed)
     with show_progress_bar("replaying", "runs") as progress:
         result = replay(
             ground_truth,

@@ -82,7 +82,7 @@ class CheckReport:
         return cls(folder, facts, repaired_map if is_repaired else map_folder, robot)
 
     @property
-    def ends(self) -> dict[str, Position]:
+    def first_route_ends(self) -> dict[str, Position]:
         """Start and goal of the first route, where most drives fail."""
         worst = self.facts["routes"][0]
         return {name: tuple(worst[name]) for name in ("start", "goal")}

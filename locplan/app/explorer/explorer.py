@@ -186,7 +186,7 @@ def check_installed() -> None:
 
 def open_explorer(
     grid: OccupancyGrid,
-    opening: StartSettings,
+    start_settings: StartSettings,
     *,
     port: int = 0,
     field: CovarianceField | None = None,
@@ -197,7 +197,7 @@ def open_explorer(
     ----------
     grid : OccupancyGrid
         The map.
-    opening : Opening
+    start_settings : Opening
         The settings of the session.
     port : int, default 0
         Port of the server, 0 to 65535; 0 takes any free one.
@@ -219,11 +219,11 @@ def open_explorer(
     from locplan.app.explorer.session import Session
 
     check_integer("port", port, 0, 65535)
-    session = Session(grid, opening)
-    _check_stops(session.scene.costs, opening)
+    session = Session(grid, start_settings)
+    _check_stops(session.scene.costs, start_settings)
     if not np.isfinite(session.scene.costs.density).any():
         raise ConfigError(
-            f"a robot of radius {opening.robot.radius:g} m fits nowhere on this map; reduce its"
+            f"a robot of radius {start_settings.robot.radius:g} m fits nowhere on this map; reduce its"
             " footprint or margin"
         )
     server = ExplorerServer(session, port)

@@ -60,7 +60,7 @@ def choose_first_route(
     if not pairs:
         return RouteStops(places[0], places[0]) if places else None
 
-    def rank(pair: tuple[Position, Position]) -> float:
+    def compute_avoided_length(pair: tuple[Position, Position]) -> float:
         weights = None, scene.costs.weight
         paths = [searches.path(pair, weight, 1, is_draft=is_draft) for weight in weights]
         if None in paths:
@@ -70,7 +70,7 @@ def choose_first_route(
         )
         return (shortest - recommended) ** 2 / shortest if shortest > recommended else 0.0
 
-    return RouteStops(*max(pairs, key=rank), start_settings.via)
+    return RouteStops(*max(pairs, key=compute_avoided_length), start_settings.via)
 
 
 def _measure_degenerate_length(costs: Costmap, path: Path) -> float:

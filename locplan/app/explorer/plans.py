@@ -95,7 +95,7 @@ def prepare_searches(
             return  # another search would displace one that is needed
         for weight in weights:
             job.check()
-            searches.tree(weight, stop, job.check)
+            searches.get_tree(weight, stop, job.check)
 
 
 def _sort_by_drag_frequency(stops: Sequence[Position]) -> list[Position]:

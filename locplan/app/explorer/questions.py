@@ -37,7 +37,7 @@ class QuestionHandler:
         return {"basis": basis, **self.handler(session, scene, question, job)}
 
 
-def change(
+def apply_page_changes(
     session: Session, scene: MapScene, question: Question, job: QuestionJob
 ) -> dict[str, Any]:
     """Apply the page's whole list of changes to the original map, robot and zones."""
@@ -48,7 +48,7 @@ def change(
 QUESTIONS: dict[str, QuestionHandler] = {
     "plan": QuestionHandler(plans.plan_route, "plan", follow_up=plans.prepare_searches),
     "at": QuestionHandler(state.describe_place, "look"),
-    "change": QuestionHandler(change, "change", is_queued=True),
+    "change": QuestionHandler(apply_page_changes, "change", is_queued=True),
     "simulate": QuestionHandler(simulations.simulate_route, "long"),
     "report": QuestionHandler(check_reports.describe_report, "long"),
     "export": QuestionHandler(exports.export_masks, "long"),

@@ -106,19 +106,19 @@ class FreeParts:
         sizes = np.bincount(self.labels.ravel())
         return int(sizes[1:].argmax()) + 1 if len(sizes) > 1 else 0
 
-    def label(self, xy: Position) -> int:
+    def get_part_number(self, xy: Position) -> int:
         """Return the number of the part at a position [m]; 0 in blocked cells and off the map."""
         cell = self.grid.cell(xy[:2])
         return int(self.labels[cell]) if self.grid.contains(*cell) else 0
 
-    def nearest(self, xy: Position, label: int = 0) -> Position | None:
+    def find_nearest_position(self, xy: Position, label: int = 0) -> Position | None:
         """Return the centre of the nearest free cell within `MAX_MOVE`, in one part or any [m]."""
 
-        def is_right(labels: NDArray[np.int32]) -> Bools:
+        def is_suitable(labels: NDArray[np.int32]) -> Bools:
             return labels == label if label else labels > 0
 
         reach = MAX_MOVE / self.grid.resolution
-        return find_nearest_centre(self.grid, xy, reach, self.labels, is_right)
+        return find_nearest_centre(self.grid, xy, reach, self.labels, is_suitable)
 
 
 def find_nearest_centre(
@@ -155,7 +155,7 @@ def find_nearest_centre(
 
 
 def snap_stops(
-    parts: FreeParts, stops: Sequence[Position], held: int | None = None
+    parts: FreeParts, stops: Sequence[Position], dragged_index: int | None = None
 ) -> list[Position]:
     """Move the stops of a path that lie in no free cell into one.
 
@@ -167,14 +167,18 @@ def snap_stops(
     PoseError
         If there is no free cell near a stop.
     """
-    order = [n for n in range(len(stops)) if n != held] + ([] if held is None else [held])
-    part = next((label for n in order if (label := parts.label(stops[n]))), 0)
+    order = [n for n in range(len(stops)) if n != dragged_index] + (
+        [] if dragged_index is None else [dragged_index]
+    )
+    part = next((label for n in order if (label := parts.get_part_number(stops[n]))), 0)
     snapped = list(stops)
     for n in order:
         xy = stops[n]
-        if parts.label(xy):
+        if parts.get_part_number(xy):
             continue
-        near = (parts.nearest(xy, part) if part else None) or parts.nearest(xy)
+        near = (
+            parts.find_nearest_position(xy, part) if part else None
+        ) or parts.find_nearest_position(xy)
         if near is None:
             role = {len(stops) - 1: "the goal", 0: "the start"}.get(n, f"waypoint {n}")
             raise PoseError(
@@ -182,7 +186,7 @@ def snap_stops(
                 f" {MAX_MOVE:g} m; move it to a place where the robot fits"
             )
         snapped[n] = near
-        part = part or parts.label(near)
+        part = part or parts.get_part_number(near)
     return snapped
 
 
@@ -233,7 +237,7 @@ class MapScene:
     """Window of the costmap with values from before a change; None if there are none."""
 
     @property
-    def is_whole(self) -> bool:
+    def is_field_complete(self) -> bool:
         """True if the whole field is up to date with the map."""
         return self.step == 0
 
@@ -243,7 +247,7 @@ class MapScene:
 
     def check_field(self) -> CovarianceField:
         """Return the field; raise a ConfigError unless it is up to date."""
-        if self.field is None or not self.is_whole:
+        if self.field is None or not self.is_field_complete:
             raise ConfigError("the field is still being computed; wait for it")
         return self.field
 
@@ -272,12 +276,12 @@ class MapScene:
         return FreeParts(self.costs.grid, label_connected_parts(self.costs)[1])
 
     @cached_property
-    def coarse(self) -> Costmap:
+    def coarse_costs(self) -> Costmap:
         """The costmap in larger cells, for drafts."""
         return coarsen_costs(self.costs)
 
     @property
-    def bytes(self) -> int:
+    def n_bytes(self) -> int:
         """Bytes of the costmap and the field."""
         arrays = [self.costs.density, self.costs.u, self.costs.e]
         arrays += self.field.values.values() if self.field else []

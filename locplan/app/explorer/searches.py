@@ -117,7 +117,7 @@ class SearchGrid:
         inner.setflags(write=False)
         return cls(dataclasses.replace(costs, density=inner), bordered)
 
-    def index(self, xy: Position) -> int:
+    def find_cell_index(self, xy: Position) -> int:
         """Return the index of the cell at a world position [m] in the bordered grid."""
         return find_bordered_index(self.costs, xy, "position")
 
@@ -159,15 +159,15 @@ class PathTree:
         """Compile the kernels, so that the first drag is fast."""
         costs = Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0))
         grid = SearchGrid(costs, PaddedCostmap.from_costmap(costs))
-        first, last = (grid.index((x, 0.5)) for x in (0.5, 2.5))
-        cls.search(grid.bordered, first).cells(grid.bordered, first, last)
+        first, last = (grid.find_cell_index((x, 0.5)) for x in (0.5, 2.5))
+        cls.search(grid.bordered, first).trace_path_cells(grid.bordered, first, last)
 
     @staticmethod
     def estimate_search_bytes(bordered: PaddedCostmap) -> int:
         """Return the bytes of a running search, including its costs."""
         return bordered.half.nbytes + bordered.half.size
 
-    def cells(self, bordered: PaddedCostmap, first: int, last: int) -> Ints | None:
+    def trace_path_cells(self, bordered: PaddedCostmap, first: int, last: int) -> Ints | None:
         """Return the cells (n, 2) of the cheapest path between two cells; None without one.
 
         One of the two is the root. A planner finds the same path from the first to the last.
@@ -213,13 +213,13 @@ class PathSearches:
         """Return the costmap of drafts at a weight."""
 
         def create() -> SearchGrid:
-            costs = _apply_weight(self.scene.coarse, weight)
+            costs = _apply_weight(self.scene.coarse_costs, weight)
             return SearchGrid(costs, PaddedCostmap.from_costmap(costs))
 
         key = ("coarse grid", self.scene.key, weight)
         return self.store.get_or_create(key, create, lambda grid: 3 * grid.bordered.half.nbytes)
 
-    def tree(
+    def get_tree(
         self,
         weight: Weight,
         end: Position,
@@ -229,7 +229,7 @@ class PathSearches:
     ) -> PathTree:
         """Return the search from an end of a leg."""
         grid = self.coarse_grid(weight) if is_draft else self.grid(weight)
-        root = grid.index(end)
+        root = grid.find_cell_index(end)
         return self.store.get_or_create(
             ("coarse tree" if is_draft else "tree", self.scene.key, weight, root),
             lambda: PathTree.search(grid.bordered, root, check),
@@ -241,7 +241,7 @@ class PathSearches:
         self,
         stops: Sequence[Position],
         weight: Weight,
-        held: int | None = None,
+        dragged_index: int | None = None,
         *,
         is_draft: bool = False,
     ) -> Path | None:
@@ -250,7 +250,7 @@ class PathSearches:
         legs: list[Path] = []
         for n, (start, goal) in enumerate(itertools.pairwise(stops)):
             self.check()
-            moving = "start" if held == n else "goal" if held == n + 1 else ""
+            moving = "start" if dragged_index == n else "goal" if dragged_index == n + 1 else ""
             leg = find(weight, start, goal, moving)
             if leg is None:
                 return None
@@ -271,8 +271,8 @@ class PathSearches:
             return path
         grid = self.grid(weight)
         if moving_end:
-            self.tree(weight, goal if moving_end == "start" else start)
-        ends = grid.index(start), grid.index(goal)
+            self.get_tree(weight, goal if moving_end == "start" else start)
+        ends = grid.find_cell_index(start), grid.find_cell_index(goal)
         trees = (self.store.get(("tree", self.scene.key, weight, end)) for end in ends)
         tree: PathTree | None = next(filter(None, trees), None)
         if tree is None:
@@ -280,7 +280,7 @@ class PathSearches:
             path = (
                 AnyAngle().solve_prepared(grid.costs, grid.bordered, start, goal, self.check).path
             )
-        elif (cells := tree.cells(grid.bordered, *ends)) is not None:
+        elif (cells := tree.trace_path_cells(grid.bordered, *ends)) is not None:
             path = make_any_angle_path(grid.costs, grid.bordered, cells, start, goal)
         return None if path is None else self.store.put(key, path, path.xy.nbytes)
 
@@ -293,8 +293,10 @@ class PathSearches:
         if first is None or last is None:
             return None
         # The search starts from the end that does not move.
-        tree = self.tree(weight, last if moving_end == "start" else first, is_draft=True)
-        cells = tree.cells(grid.bordered, grid.index(first), grid.index(last))
+        tree = self.get_tree(weight, last if moving_end == "start" else first, is_draft=True)
+        cells = tree.trace_path_cells(
+            grid.bordered, grid.find_cell_index(first), grid.find_cell_index(last)
+        )
         if cells is None:
             return None
         path = make_any_angle_path(grid.costs, grid.bordered, cells, first, last)

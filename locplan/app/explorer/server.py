@@ -176,19 +176,19 @@ class ExplorerServer:
     def _make_routes(self) -> Starlette:
         app = Starlette(
             routes=[
-                Route("/", self._file),
+                Route("/", self._answer_file),
                 Route("/about", self._answer_description),
-                Route("/cells/{digest}", self._cells),
+                Route("/cells/{digest}", self._answer_cells),
                 Route("/layers/{digest}/{name}", self._answer_layer),
                 Route("/download/{key}", self._answer_download),
-                WebSocketRoute("/socket", self._socket),
-                Route("/{name}", self._file),
+                WebSocketRoute("/socket", self._answer_socket),
+                Route("/{name}", self._answer_file),
             ]
         )
         app.router.redirect_slashes = False
         return app
 
-    async def _file(self, request: Request) -> Response:
+    async def _answer_file(self, request: Request) -> Response:
         """Answer with a file of the page."""
         name = request.path_params.get("name", "index.html")
         if name not in FILE_TYPES:
@@ -205,14 +205,14 @@ class ExplorerServer:
     def _answer_description(self, request: Request) -> Response:
         return JSONResponse(describe_session(self.session))
 
-    def _cells(self, request: Request) -> Response:
+    def _answer_cells(self, request: Request) -> Response:
         digest, grid = request.path_params["digest"], self.session.grid
         cells = make_cell_classes(grid.cells) if digest == grid.digest else None
         return self._answer_array(("cells", digest), cells)
 
     def _answer_layer(self, request: Request) -> Response:
         digest, name = request.path_params["digest"], request.path_params["name"]
-        layer = self.session.layers(digest).get(name)
+        layer = self.session.find_layers(digest).get(name)
         return self._answer_array(("layer", digest, name), layer.texels if layer else None)
 
     def _answer_array(self, key: tuple[str, ...], octets: Octets | None) -> Response:
@@ -239,7 +239,7 @@ class ExplorerServer:
         }
         return Response(download.content, headers=headers, media_type="text/html")
 
-    async def _socket(self, socket: WebSocket) -> None:
+    async def _answer_socket(self, socket: WebSocket) -> None:
         await PageSocket(self.session, self.lanes, socket).run()
 
 

@@ -122,7 +122,7 @@ class Session:
             if stored is not None:
                 scene = stored
             elif base is not None:
-                progress, forget = self._progress(cancel), self.searches.forget
+                progress, forget = self._make_progress_callback(cancel), self.searches.forget
                 scenes = repair_scene(base, site, self.opening, self._pool, progress, forget)
                 scene = next(scenes)
             else:
@@ -163,7 +163,7 @@ class Session:
         for listener in list(self.listeners):
             listener(event)
 
-    def layers(self, digest: str) -> Mapping[str, PictureLayer]:
+    def find_layers(self, digest: str) -> Mapping[str, PictureLayer]:
         """Return the layers of a field that is or was shown; empty for other fields.
 
         Parameters
@@ -224,9 +224,9 @@ class Session:
         self, site: ExploredSite, cancel: CancelToken, field: CovarianceField | None = None
     ) -> Iterator[MapScene]:
         """Yield the scene of a site, with its field computed unless it is given."""
-        yield compute_scene(site, self.opening, self._progress(cancel), field)
+        yield compute_scene(site, self.opening, self._make_progress_callback(cancel), field)
 
-    def _progress(self, cancel: CancelToken) -> Callable[[int, int], None]:
+    def _make_progress_callback(self, cancel: CancelToken) -> Callable[[int, int], None]:
         def report(n_done: int, total: int) -> None:
             cancel.check()
             self.busy = n_done, total
@@ -236,9 +236,9 @@ class Session:
 
     def _show_scene(self, scene: MapScene) -> None:
         self.scene = scene
-        if scene.field is not None and scene.is_whole:
+        if scene.field is not None and scene.is_field_complete:
             self.busy = None
-            self.scenes.put(scene.site.key, scene, scene.bytes)
+            self.scenes.put(scene.site.key, scene, scene.n_bytes)
         self.searches.forget(lambda key: key[1] == scene.key)
         self.send_event({"event": "state"})
 

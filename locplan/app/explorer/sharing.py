@@ -49,7 +49,7 @@ def share_page(
     basis = {**scene.basis, "route": question.text("route", None)}
     job.progress(1, 2)
     state, facts = describe_state(session), describe_session(session)
-    layers = session.layers(str(scene.digest))
+    layers = session.find_layers(str(scene.digest))
     if session.scene is not scene:
         raise ConfigError("the map or its field has changed; share the page again")
     facts |= {"can_export": False, "lidars": [], "distros": []}  # these need a server

@@ -99,16 +99,16 @@ class PageSocket:
         either = CancelToken(
             lambda: cancel.is_cancelled or self._newest.get(question.do, turn) != turn
         )
-        job = QuestionJob(self._progress(question.id, either), either.check)
+        job = QuestionJob(self._make_progress_callback(question.id, either), either.check)
         handler, session = QUESTIONS[question.do], self._session
         lane = self._lanes[handler.lane]
 
-        def work() -> dict[str, Any]:
+        def compute_answer() -> dict[str, Any]:
             either.check()
             return handler.answer(session, question, job)
 
         try:
-            answer = await self._loop.run_in_executor(lane, work)
+            answer = await self._loop.run_in_executor(lane, compute_answer)
         except Cancelled:
             answer = {"cancelled": True} if cancel.is_cancelled else {"stale": True}
         except LocplanError as error:
@@ -129,7 +129,7 @@ class PageSocket:
                     lane, handler.follow_up, session, session.scene, question, job
                 )
 
-    def _progress(self, number: int, cancel: CancelToken) -> Any:
+    def _make_progress_callback(self, number: int, cancel: CancelToken) -> Any:
         def progress(n_done: int, total: int, *_: object) -> None:
             cancel.check()
             answer = {"progress": number, "done": int(n_done), "total": int(total)}

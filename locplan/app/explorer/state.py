@@ -55,7 +55,7 @@ def describe_state(session: Session) -> dict[str, Any]:
     with session.lock:
         scene, changes, busy = session.scene, session.changes, session.busy
         spots, route = session.weak_spots, session.route
-    layers = session.layers(scene.digest) if scene.digest else {}
+    layers = session.find_layers(scene.digest) if scene.digest else {}
     robot, weight = scene.site.robot, session.opening.weight
     lidar = robot.known_lidar
     return {
@@ -93,7 +93,7 @@ def _describe_field(scene: MapScene) -> dict[str, Any] | None:
         "rows": rows,
         "cols": cols,
         "stride_cells": scene.field.stride,
-        "is_whole": scene.is_whole,
+        "is_whole": scene.is_field_complete,
     }
 
 

@@ -15,7 +15,7 @@ from locplan._support.kernels.rays import TOUCH, compute_segment_cost
 
 
 @njit(nogil=True, cache=True)
-def line_cost(
+def integrate_line_cost(
     half_density: Array, columns: int, grid_pose: Numbers, start: Array, end: Array
 ) -> float:
     """Integral along the line between two positions, in the costlier direction [density x cells].
@@ -41,11 +41,11 @@ def line_cost(
 
 
 @njit(nogil=True, cache=True)
-def line_costs(
+def integrate_line_costs(
     half_density: Array, columns: int, grid_pose: Numbers, xy: Array, pairs: Array
 ) -> Array:
-    """Costs, by `line_cost`, of the lines between pairs (m, 2) of positions (n, 2)."""
+    """Costs, by `integrate_line_cost`, of the lines between pairs (m, 2) of positions (n, 2)."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
-        result[n] = line_cost(half_density, columns, grid_pose, xy[i], xy[j])
+        result[n] = integrate_line_cost(half_density, columns, grid_pose, xy[i], xy[j])
     return result

@@ -35,7 +35,7 @@ PLANES = 2
 
 
 @njit(nogil=True, cache=True)
-def cut_strips(
+def cut_rotated_strips(
     levels: Octets,
     row0: int,
     col0: int,

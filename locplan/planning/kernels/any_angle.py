@@ -18,7 +18,7 @@ from locplan._support.kernels.search import find_cost_range, put_into_bucket
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def shortcut(
+def choose_kept_positions(
     half_density: Floats,
     columns: int,
     positions: Floats,
@@ -30,7 +30,7 @@ def shortcut(
 
     Each position is reached in a straight line from one of the `lookahead` before it; of lines of
     equal cost the longest is taken. The line from the one just before it is always allowed, so
-    that the result never costs more than the path. `min_density` is the least density, or less: what
+    that the result never costs more than the path. `min_density` is at most the least density: what
     cannot pay at that is not measured.
     """
     # Loops and numbers instead of arrays and lists: numba compiles them in a third of the time.
@@ -67,7 +67,7 @@ def shortcut(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def shift(
+def shift_positions(
     half_density: Floats,
     columns: int,
     positions: Floats,
@@ -126,10 +126,12 @@ class StraightMoves(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cheapest_moves(half_density: Floats, start: int, goal: int, moves: StraightMoves) -> Array:
+def find_cheapest_move_cells(
+    half_density: Floats, start: int, goal: int, moves: StraightMoves
+) -> Array:
     """Return the cells of the cheapest path over moves of any shape; empty without a path.
 
-    `start` and `goal` are flat indices; the border of `half_density` is as wide as the longest move.
+    `start` and `goal` are flat indices. `half_density` has a border as wide as the longest move.
     """
     offsets, crossed, lengths, touched = moves
     nothing = np.empty(0, np.int64)

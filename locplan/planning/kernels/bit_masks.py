@@ -23,14 +23,18 @@ def widen_bits(bits: Words) -> Array:
             step = np.uint64(1 << (level - 1))
             over = np.uint64(WORD) - step
             for word in range(words):
-                after = result[level - 1, row, word + 1] if word + 1 < words else np.uint64(0)
-                current = result[level - 1, row, word]
-                result[level, row, word] = current | (current >> step) | (after << over)
+                next_word_mask = (
+                    result[level - 1, row, word + 1] if word + 1 < words else np.uint64(0)
+                )
+                word_mask = result[level - 1, row, word]
+                result[level, row, word] = (
+                    word_mask | (word_mask >> step) | (next_word_mask << over)
+                )
     return result
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def add_runs(
+def mark_run_collisions(
     masks: Words, widened_bits: Words, runs: Ints, heading_and_slot: Ints, margin: int
 ) -> None:
     """Set the bits of cells if a motion from them meets a cell with a set bit.

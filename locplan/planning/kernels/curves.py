@@ -26,7 +26,7 @@ _ALSO_REVERSED = (2, 5, 6)
 
 
 @njit(nogil=True, cache=True)
-def dubins(
+def find_dubins_curve(
     x: float, y: float, heading: float, x1: float, y1: float, heading1: float
 ) -> tuple[Array, Array]:
     """Return the shortest curve forward from one pose to another: turns (5,), lengths (5,)."""
@@ -110,7 +110,7 @@ def find_reeds_shepp_curve(
 def _fill_word(
     word_number: int, x: float, y: float, heading: float, sides: Array, piece_lengths: Array
 ) -> bool:
-    """Fill in base word `word_number` from the origin to a pose; return False if it does not fit."""
+    """Fill in base word `word_number` from the origin to a pose; return False without a fit."""
     # The last circle's centre from the first one's, if both turn left, and if the last turns right.
     same = x - math.sin(heading), y - 1 + math.cos(heading)
     opposite = x + math.sin(heading), y - 1 - math.cos(heading)
@@ -267,7 +267,7 @@ def advance_pose(
 
 
 @njit(nogil=True, cache=True)
-def arc_crossings(
+def find_arc_crossings(
     center_x: float, center_y: float, radius: float, low: float, high: float
 ) -> Array:
     """Return the angles of an arc's ends and of its crossings of borders between cells, ascending.
@@ -304,7 +304,7 @@ def arc_crossings(
 
 
 @njit(nogil=True, cache=True)
-def arc(
+def compute_arc(
     x: float, y: float, heading: float, turn: int, length: float, radius: float
 ) -> tuple[float, float, float, float]:
     """Return the centre of a turn, and the least and greatest angle of its arc seen from there."""

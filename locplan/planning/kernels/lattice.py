@@ -141,7 +141,7 @@ def find_next_bucket(
 ) -> int:
     """Continue to the first bucket with a state: READY, or the reason why the search stops here.
 
-    It is FINISHED beyond the bucket `max_bucket`, OUT_OF_ROOM without `room` for so many entries, and
+    It is FINISHED beyond bucket `max_bucket`, OUT_OF_ROOM without `room` for so many entries, and
     PAUSED after so many expansions as `pause_at_expansions`.
     """
     numbers, heads = queue.state, queue.heads

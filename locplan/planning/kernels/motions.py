@@ -30,7 +30,7 @@ class MotionCostmap(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def motion_cost(
+def compute_motion_cost(
     ground: MotionCostmap, kind: int, radius: float, start: Numbers, end: Numbers
 ) -> float:
     """Return the integral of a density along a motion [density x cells]; infinite if it is blocked.
@@ -87,8 +87,10 @@ def sample_motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) 
         x1, y1, heading1 = curves.advance_pose(x, y, heading, turns[n], lengths[n], radius)
         inner = np.empty((1, 3))
         if turns[n]:
-            center_x, center_y, low, high = curves.arc(x, y, heading, turns[n], lengths[n], radius)
-            angles = curves.arc_crossings(center_x, center_y, radius, low, high)
+            center_x, center_y, low, high = curves.compute_arc(
+                x, y, heading, turns[n], lengths[n], radius
+            )
+            angles = curves.find_arc_crossings(center_x, center_y, radius, low, high)
             angles = curves.refine_angles(angles, 0.02)  # the path's length is then exact to 2e-5
             if turns[n] * lengths[n] < 0:
                 angles = angles[::-1]
@@ -111,7 +113,7 @@ def find_shortest_word(
     """Return the shortest curve: turns (5,) and signed lengths (5,) [cells]."""
     x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
     if kind == curves.DUBINS:
-        turns, lengths = curves.dubins(0.0, 0.0, start[2], x, y, end[2])
+        turns, lengths = curves.find_dubins_curve(0.0, 0.0, start[2], x, y, end[2])
     else:
         turns, lengths = curves.find_reeds_shepp_curve(0.0, 0.0, start[2], x, y, end[2])
     return turns, lengths * radius
@@ -150,8 +152,8 @@ def compute_arc_cost(ground: MotionCostmap, piece: Numbers, radius: float) -> fl
     layers, extent = len(half), half.shape[1] // columns + columns
     if 2 * radius * math.sin(min(abs(length) / radius, math.pi) / 2) > extent:
         return np.inf  # it leaves the map
-    center_x, center_y, low, high = curves.arc(x, y, heading, turn, length, radius)
-    angles = curves.arc_crossings(center_x, center_y, radius, low, high)
+    center_x, center_y, low, high = curves.compute_arc(x, y, heading, turn, length, radius)
+    angles = curves.find_arc_crossings(center_x, center_y, radius, low, high)
     towards = turn * QUARTER - first  # added to an angle on the circle it gives the heading there
     if layers > 1:
         shares = _find_layer_changes(low + towards, high - low, layers)
@@ -206,7 +208,7 @@ def compute_world_cost(
     end: Numbers,
     blocked_cost: float,
 ) -> float:
-    """Return the cost of a motion between poses in the world [m], >= their distance, or `blocked_cost`.
+    """Return the cost of a motion between world poses [m], >= their distance, or `blocked_cost`.
 
     `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], the column and
     the row of the world's origin, and the yaw; the radius is in cells. A motion is blocked if the
@@ -221,7 +223,9 @@ def compute_world_cost(
     if not math.isfinite(heading0 + heading1):
         return blocked_cost
     ends = _grid_from_world(frame, x0, y0, heading0), _grid_from_world(frame, x1, y1, heading1)
-    cost = motion_cost(MotionCostmap(half_density, columns, -frame[4], False), kind, radius, *ends)
+    cost = compute_motion_cost(
+        MotionCostmap(half_density, columns, -frame[4], False), kind, radius, *ends
+    )
     cost /= math.hypot(frame[0], frame[1])
     if cost < np.inf and len(body.outline):
         poses = sample_motion_poses(kind, radius, *ends)

@@ -80,7 +80,9 @@ def _get_half_density(ground: MotionCostmap, heading: float) -> Array:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def curve_cost(ground: MotionCostmap, drive: MotionModel, start: Numbers, end: Numbers) -> float:
+def compute_curve_cost(
+    ground: MotionCostmap, drive: MotionModel, start: Numbers, end: Numbers
+) -> float:
     """Return the cost of the shortest curve between poses; infinite if it is blocked."""
     turns, lengths = find_shortest_word(drive.kind, drive.radius, start, end)
     x, y, heading = start
@@ -146,7 +148,7 @@ def find_cheapest_chain(
             distance = math.hypot(end[0] - start[0], end[1] - start[1])
             if best[i] + cheapest * distance >= best[j]:
                 continue
-            total = best[i] + curve_cost(ground, drive, start, end)
+            total = best[i] + compute_curve_cost(ground, drive, start, end)
             if total < best[j] * (1 - 1e-9) and is_curve_clear(drive, body, start, end):
                 best[j], before[j] = total, i
     chain = np.full(count, -1)
@@ -187,10 +189,10 @@ def shift_knots(
                     y + shift * math.cos(heading),
                     heading + turn,
                 )
-                first = curve_cost(ground, drive, before, candidate)
+                first = compute_curve_cost(ground, drive, before, candidate)
                 if not first < step_costs[k - 1] + step_costs[k]:
                     continue
-                last = curve_cost(ground, drive, candidate, after)
+                last = compute_curve_cost(ground, drive, candidate, after)
                 if not first + last < (step_costs[k - 1] + step_costs[k]) * (1 - 1e-7):
                     continue
                 if is_curve_clear(drive, body, before, candidate) and is_curve_clear(

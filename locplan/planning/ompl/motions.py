@@ -85,7 +85,7 @@ class Motions:
         PoseError
             If the robot cannot stand there, or a heading is missing or not wanted.
         """
-        return check_pose(self.costs, pose, role, headed=self.space != "R2")
+        return check_pose(self.costs, pose, role, has_heading=self.space != "R2")
 
     def cost(self, start: Sequence[float], end: Sequence[float]) -> float:
         """Return the cost J of the motion from one pose to another [m]; infinite if it is blocked.
@@ -99,7 +99,11 @@ class Motions:
 
         return float(
             compute_world_cost(
-                *self.arguments, self.body, _complete_pose(start), _complete_pose(end), math.inf
+                *self.kernel_arguments,
+                self.collision_map,
+                _complete_pose(start),
+                _complete_pose(end),
+                math.inf,
             )
         )
 
@@ -113,7 +117,7 @@ class Motions:
         """
         from locplan.planning.kernels.motions import can_stand
 
-        half, columns, _, _, frame = self.arguments
+        half, columns, _, _, frame = self.kernel_arguments
         return bool(can_stand(half, columns, frame, float(x), float(y)))
 
     def meets_wall(self, pose: Sequence[float]) -> bool:
@@ -146,7 +150,9 @@ class Motions:
         """
         from locplan.planning.kernels.motions import compute_world_costs
 
-        return np.asarray(compute_world_costs(*self.arguments, self.body, poses, pairs))
+        return np.asarray(
+            compute_world_costs(*self.kernel_arguments, self.collision_map, poses, pairs)
+        )
 
     def path(self, poses: Floats) -> Path:
         """Return the path of the motions through poses; its lines cross the cells of the curves.
@@ -162,14 +168,16 @@ class Motions:
             return Path(poses[:, :2])
         if self.space in CURVED:
             pieces = [
-                sample_world_motion(*self.arguments[2:], _complete_pose(start), _complete_pose(end))
+                sample_world_motion(
+                    *self.kernel_arguments[2:], _complete_pose(start), _complete_pose(end)
+                )
                 for start, end in itertools.pairwise(poses)
             ]
             poses = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
         return Path(poses[:, :2], poses[:, 2])
 
     @cached_property
-    def body(self) -> Any:
+    def collision_map(self) -> Any:
         """The outline of the costmap's robot for the kernels; none in "R2", and of a circle."""
         from locplan._support.kernels.outlines import CollisionMap, sum_occupied_along_rows
 
@@ -182,7 +190,7 @@ class Motions:
         )
 
     @cached_property
-    def arguments(self) -> tuple[Any, ...]:
+    def kernel_arguments(self) -> tuple[Any, ...]:
         """The kernels' arguments: the bordered grid, the kind and radius of curves, the frame."""
         from locplan._support.kernels.search import make_bordered_half_density
         from locplan.planning.kernels.curves import DUBINS, REEDS_SHEPP, STRAIGHT

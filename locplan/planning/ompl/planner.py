@@ -18,7 +18,7 @@ from locplan.planning.any_angle import AnyAngle, straighten_path
 from locplan.planning.costmap import Costmap
 from locplan.planning.grid import (
     find_cheapest_cells,
-    grid_path,
+    make_grid_path,
     label_connected_parts,
     make_blank_costs,
 )
@@ -172,18 +172,23 @@ class Ompl:
         direct = motions.path(np.array([start, goal]))
         if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
             return PlannerResult(direct, history=((0.0, path_metrics(costs, direct).cost),))
-        seed_paths = self._plan_seed_path(costs, start, goal) if self.from_grid else []
-        limits, ahead = self.limits, seed_paths[0].xy if seed_paths and self.space == "R2" else None
+        grid_paths = self._plan_seed_path(costs, start, goal) if self.from_grid else []
+        limits, ahead = self.limits, grid_paths[0].xy if grid_paths and self.space == "R2" else None
         began = time.perf_counter()
         if KINDS[self.name].roadmap:
             seed = self.seed or 1
             roadmap = grow_roadmap(
-                motions, self.name, limits=limits, seed=seed, settings=self.settings, ahead=ahead
+                motions,
+                self.name,
+                limits=limits,
+                seed=seed,
+                settings=self.settings,
+                seed_path=ahead,
             )
             poses = roadmap.find_path_poses(start, goal)
         else:
             poses = _plan_by_tree(self, motions, start, goal, limits, ahead)
-        paths = seed_paths if poses is None else [motions.path(poses), *seed_paths]
+        paths = grid_paths if poses is None else [motions.path(poses), *grid_paths]
         if not paths:
             limits_text = limits.description()
             note = f"no path found within {limits_text}; more of it or another seed may find one"
@@ -201,7 +206,7 @@ class Ompl:
         if self.space == "R2":
             cells, _ = find_cheapest_cells(costs, start, goal, allow_corner_cutting=False)
             assert cells is not None
-            return [grid_path(costs, cells, start, goal)]
+            return [make_grid_path(costs, cells, start, goal)]
         kinematics = Kinematics(
             drive="car-like",
             turning_radius=self.turning_radius or 0.0,
@@ -245,7 +250,9 @@ def _plan_by_tree(
         tree.setProblemDefinition(problem)
         tree.setup()
         best_cost = (lambda: tree.bestCost().value()) if hasattr(tree, "bestCost") else None
-        ends = limits.condition(best_cost, settled_after=KINDS[planner.name].settled_after)
+        ends = limits.make_stop_condition(
+            best_cost, settled_after=KINDS[planner.name].settled_after
+        )
         if seed_path is not None:
             leading = SingleGoalWithHints(information, goal)
             problem.setGoal(leading)

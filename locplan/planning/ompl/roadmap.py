@@ -134,7 +134,7 @@ def grow_roadmap(
     limits: SearchLimits | None = None,
     seed: int = 1,
     settings: Mapping[str, Any] | None = None,
-    ahead: Floats | None = None,
+    seed_path: Floats | None = None,
 ) -> Roadmap:
     """Grow a roadmap over a costmap.
 
@@ -151,7 +151,7 @@ def grow_roadmap(
         Seed of OMPL's random numbers, at least 1.
     settings : mapping of str to object, optional
         OMPL's settings of the planner by their names; OMPL's defaults without them.
-    ahead : (k, 2) array, optional
+    seed_path : (k, 2) array, optional
         Positions x, y of a path that the roadmap contains as well [m]; none by default.
 
     Returns
@@ -175,12 +175,12 @@ def grow_roadmap(
         growing.setProblemDefinition(base.ProblemDefinition(information))
         growing.setup()
         # Reading the roadmap and its costs takes most of the rest.
-        ends = limits.condition(share=0.5)
+        ends = limits.make_stop_condition(share=0.5)
         growing.growRoadmapPtc(base.PlannerTerminationCondition(ends))
         poses, pairs = _read_roadmap(growing, information, motions.space)
-    if ahead is not None:
-        along = np.arange(len(poses), len(poses) + len(ahead))
-        poses = np.vstack([poses, np.column_stack([ahead, np.zeros(len(ahead))])])
+    if seed_path is not None:
+        along = np.arange(len(poses), len(poses) + len(seed_path))
+        poses = np.vstack([poses, np.column_stack([seed_path, np.zeros(len(seed_path))])])
         pairs = np.vstack([pairs, np.column_stack([along[:-1], along[1:]])])
         pairs = np.vstack([pairs, pairs[-len(along) + 1 :, ::-1]])
     cost = motions.compute_motion_costs(poses, pairs)

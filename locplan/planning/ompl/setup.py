@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 
 from locplan._support.kernels.arrays import Floats
-from locplan.planning.any_angle import subdivide
+from locplan.planning.any_angle import subdivide_line
 from locplan.planning.ompl.motions import Motions
 from locplan.planning.ompl.settings import Cost, base
 from locplan.planning.ompl.stopping import OPTIMAL
@@ -109,7 +109,7 @@ def space_information(motions: Motions) -> base.SpaceInformation:
     """
     from locplan.planning.kernels.motions import can_stand
 
-    pose, (half, columns, _, _, frame) = make_pose_reader(motions.space), motions.arguments
+    pose, (half, columns, _, _, frame) = make_pose_reader(motions.space), motions.kernel_arguments
 
     def is_free(state: base.State) -> bool:
         x, y, _ = pose(state)
@@ -186,8 +186,8 @@ def _make_cost_function(motions: Motions) -> Callable[[base.State, base.State], 
     """Make the function of J between two states, finite and fast: it is called all the time."""
     from locplan.planning.kernels.motions import compute_world_cost
 
-    half, columns, kind, radius, frame = motions.arguments
-    body = motions.body
+    half, columns, kind, radius, frame = motions.kernel_arguments
+    body = motions.collision_map
 
     def compute_cost_of_positions(state: base.State, other: base.State) -> float:
         start, end = (state[0], state[1], 0.0), (other[0], other[1], 0.0)
@@ -236,7 +236,7 @@ class SingleGoalWithHints(base.GoalSampleableRegion):
         self, tree: base.Planner, path: Floats, ends: Callable[[], bool]
     ) -> Callable[[], bool]:
         """Let a newly set-up tree first grow along a path (n, 2) [m]; return its new `ends`."""
-        self._positions = list(map(tuple, subdivide(path, 0.1 * tree.getRange())[1:].tolist()))
+        self._positions = list(map(tuple, subdivide_line(path, 0.1 * tree.getRange())[1:].tolist()))
         goal_bias = tree.getGoalBias()
         tree.setGoalBias(1.0)
 

@@ -60,7 +60,7 @@ class SearchLimits:
         counted = [] if self.iterations is None else [f"{self.iterations:,} iterations"]
         return " and ".join(seconds + counted)
 
-    def condition(
+    def make_stop_condition(
         self,
         best_cost: Callable[[], float] | None = None,
         *,
@@ -97,7 +97,7 @@ class SearchLimits:
             earlier = next(cost for at, cost in reversed(best) if at <= iteration / 2)
             return best[-1][1] > earlier * (1 - self.convergence)
 
-        def ends() -> bool:
+        def must_end() -> bool:
             nonlocal iteration
             iteration += 1
             elapsed = time.perf_counter() - began
@@ -113,4 +113,4 @@ class SearchLimits:
                     self.progress(int(min(n_done, total)), int(total))
             return elapsed >= time_limit or iteration > max_iterations
 
-        return ends
+        return must_end

@@ -21,7 +21,7 @@ FREEDOM = 4.0
 """Degrees of freedom of Student's distribution of odometry's errors."""
 
 
-class Beams(NamedTuple):
+class BeamMixture(NamedTuple):
     """How the ends of beams are scored: a mixture of near walls, and anywhere."""
 
     sigma: float  # deviation of an end from a wall [m]
@@ -49,7 +49,7 @@ class NormalEquations(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def evaluate_fit(
-    field: BeamScores, beams: Beams, ends: Floats, pose: Array, matrix: Floats, vector: Floats
+    field: BeamScores, beams: BeamMixture, ends: Floats, pose: Array, matrix: Floats, vector: Floats
 ) -> float:
     """Mean log-likelihood of a scan's ends (b, 2) [m] at a pose, 0 at best; NaN without returns.
 
@@ -100,7 +100,7 @@ def evaluate_fit(
 
 @njit(nogil=True, cache=True)
 def evaluate_fits(
-    field: BeamScores, beams: Beams, ends: Floats, poses: Floats, fits: Floats
+    field: BeamScores, beams: BeamMixture, ends: Floats, poses: Floats, fits: Floats
 ) -> None:
     """Write the mean log-likelihoods of n scans at poses (c, n, 3) into `fits` (c, n)."""
     matrix, vector = np.empty((3, 3)), np.empty(3)
@@ -165,7 +165,11 @@ def _write_odometry_terms(
 
 @njit(nogil=True, cache=True)
 def write_normal_equations(
-    field: BeamScores, beams: Beams, drive: DriveScans, poses: Floats, equations: NormalEquations
+    field: BeamScores,
+    beams: BeamMixture,
+    drive: DriveScans,
+    poses: Floats,
+    equations: NormalEquations,
 ) -> float:
     """Loss of a trajectory (n, 3); its normal equations are written into `equations`."""
     diagonal, off_diagonal, vector = equations
@@ -220,7 +224,7 @@ def solve_block_tridiagonal(equations: NormalEquations, damping: float, step: Fl
 
 @njit(nogil=True, cache=True)
 def refine_poses(
-    field: BeamScores, beams: Beams, drive: DriveScans, poses: Floats, n_rounds: int
+    field: BeamScores, beams: BeamMixture, drive: DriveScans, poses: Floats, n_rounds: int
 ) -> float:
     """Move a trajectory (n, 3) to less loss by Levenberg and Marquardt's steps; return the loss."""
     count = len(poses)

@@ -32,7 +32,7 @@ from locplan._support.kernels.simd import (
 
 
 @njit(nogil=True, cache=True)
-def recorded_posteriors(
+def write_recorded_posteriors(
     field: LikelihoodField,
     lattice: ScanLattice,
     cells: Ints,
@@ -119,7 +119,7 @@ def score_block(
 ) -> None:
     """Write the scores of sixty-four places at all turns into `scores`, (TURNS x 64,).
 
-    The scores of turns at which none of the places is below `max_score` may be less than they are, but
+    Scores of turns at which none of the places is below `max_score` may be less than they are, but
     not below it.
     """
     stretch = MAX_OCTET // max_gap
@@ -150,7 +150,7 @@ def score_block(
 
 
 @njit(nogil=True, cache=True)
-def shortlist(
+def find_best_place_turn_pairs(
     codes: Octets, n_places: int, beam_numbers: Ints, scan_codes: Octets, max_gap: int, n_pairs: int
 ) -> tuple[Array, Array]:
     """Find the `n_pairs` best pairs of a place and a turn that is better than the turns next to it.

@@ -34,7 +34,7 @@ class LossTables(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def loss_at(
+def compute_loss_at_pose(
     tables: LossTables, level: int, ends: Singles, x: float, y: float, heading: float
 ) -> float:
     """Sum of the losses of a scan's ends, (2, k) ahead and to the left [cells], at a pose [steps].
@@ -62,7 +62,7 @@ def loss_at(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def fits(tables: LossTables, x: float, y: float) -> bool:
+def can_robot_stand_at(tables: LossTables, x: float, y: float) -> bool:
     """Whether the robot may stand at a position [cells]."""
     row, col = int(np.floor(y)), int(np.floor(x))
     rows, cols = tables.fits.shape
@@ -75,10 +75,10 @@ def refine_pose(
 ) -> float:
     """Move a pose, x, y [cells] and heading [rad], to where no step lowers the loss; return it.
 
-    Steps along the axes and turns that move an end `turn_lever` cells away as far are tried in turn,
+    Steps along the axes and turns that move an end `turn_lever` cells away as far alternate,
     with each of the level's steps. The robot fits at all positions but perhaps the first.
     """
-    best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
+    best = compute_loss_at_pose(tables, level, ends, pose[0], pose[1], pose[2])
     trial = np.empty(3)
     for step in tables.steps[level]:
         for _ in range(ROUNDS if step > 0 else 0):
@@ -87,9 +87,9 @@ def refine_pose(
                 for sign in (1.0, -1.0):
                     trial[:] = pose
                     trial[axis] += sign * (step if axis < 2 else step / turn_lever)
-                    if axis < 2 and not fits(tables, trial[0], trial[1]):
+                    if axis < 2 and not can_robot_stand_at(tables, trial[0], trial[1]):
                         continue
-                    loss = loss_at(tables, level, ends, trial[0], trial[1], trial[2])
+                    loss = compute_loss_at_pose(tables, level, ends, trial[0], trial[1], trial[2])
                     if loss < best:
                         best, is_moved = loss, True
                         pose[axis] = trial[axis]
@@ -107,7 +107,7 @@ def polish_pose(tables: LossTables, ends: Singles, turn_lever: float, pose: Floa
     of the last level, the deviation is its own.
     """
     level = len(tables.corners) - 1
-    best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
+    best = compute_loss_at_pose(tables, level, ends, pose[0], pose[1], pose[2])
     trial = np.empty(3)
     for step in tables.steps[level]:
         for _ in range(ROUNDS if step > 0 else 0):
@@ -116,9 +116,9 @@ def polish_pose(tables: LossTables, ends: Singles, turn_lever: float, pose: Floa
                 trial[0] = pose[0] + (n % 3 - 1) * step
                 trial[1] = pose[1] + (n // 3 % 3 - 1) * step
                 trial[2] = pose[2] + (n // 9 - 1) * step / turn_lever
-                if n == 13 or not fits(tables, trial[0], trial[1]):
+                if n == 13 or not can_robot_stand_at(tables, trial[0], trial[1]):
                     continue
-                loss = loss_at(tables, level, ends, trial[0], trial[1], trial[2])
+                loss = compute_loss_at_pose(tables, level, ends, trial[0], trial[1], trial[2])
                 if loss < best:
                     best, is_moved = loss, True
                     pose[:] = trial
@@ -192,8 +192,8 @@ def find_modes(
     sparse_ends = np.ascontiguousarray(ends[:, ::2])
     factor = ends.shape[1] / sparse_ends.shape[1]
     for n in range(count):
-        if fits(tables, poses[n, 0], poses[n, 1]):
-            losses[n] = factor * loss_at(
+        if can_robot_stand_at(tables, poses[n, 0], poses[n, 1]):
+            losses[n] = factor * compute_loss_at_pose(
                 tables, 0, sparse_ends, poses[n, 0], poses[n, 1], poses[n, 2]
             )
     place, candidates, order = (
@@ -201,7 +201,7 @@ def find_modes(
         (poses, losses),
         _sort_finite_losses(losses),
     )
-    _refine_all(
+    _refine_candidates(
         tables, 0, (sparse_ends, factor), turn_lever, order, max_excess, slack, place, candidates
     )
     for level in range(1, last + 1):
@@ -209,7 +209,9 @@ def find_modes(
             poses, _sort_finite_losses(losses), max_distance / 2, max_turn / 2
         )
         scaled = (sparse_ends, factor) if level < last else (ends, 1.0)
-        _refine_all(tables, level, scaled, turn_lever, order, max_excess, 0.0, place, candidates)
+        _refine_candidates(
+            tables, level, scaled, turn_lever, order, max_excess, 0.0, place, candidates
+        )
     distinct = find_distinct_poses(poses, _sort_finite_losses(losses), max_distance, max_turn)
     poses, losses = poses[distinct], losses[distinct]
     for n in range(len(distinct)):
@@ -226,7 +228,7 @@ def _sort_finite_losses(losses: Floats) -> Array:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _refine_all(
+def _refine_candidates(
     tables: LossTables,
     level: int,
     scaled: tuple[Singles, float],
@@ -282,8 +284,8 @@ def refine_on_lattice(
                 y = pose[1] + j * step
                 for i in range(-half_steps, half_steps + 1):
                     x = pose[0] + i * step
-                    if fits(tables, x, y):
-                        loss = loss_at(tables, last, ends, x, y, heading)
+                    if can_robot_stand_at(tables, x, y):
+                        loss = compute_loss_at_pose(tables, last, ends, x, y, heading)
                         if loss < min_loss:
                             min_loss = loss
                             best_pose[0], best_pose[1], best_pose[2] = x, y, heading

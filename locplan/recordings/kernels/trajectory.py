@@ -25,7 +25,7 @@ PER_SQUARE, PER_SQUARE_METRE, PER_RADIAN = 16, 32, 256
 """Entries of the tables by squared error, squared distance and turn."""
 
 
-def _errors() -> Floats:
+def _tabulate_error_densities() -> Floats:
     """Density of errors that are no slips by their squares, in units of the deviations."""
     squares = np.arange(MOST_SQUARE * PER_SQUARE + 2) / PER_SQUARE
     body = np.where(squares < 60, np.exp(-0.5 * squares), 0.0)  # beyond it the skirt alone counts
@@ -46,7 +46,11 @@ def _tabulate_slip_turn_densities() -> Floats:
     return np.asarray(np.exp(-0.5 * (turns / SLIP_TURN) ** 2) / (SLIP_TURN * (2 * np.pi) ** 0.5))
 
 
-ERRORS, SLIPS, SLIP_TURNS = _errors(), _tabulate_slip_densities(), _tabulate_slip_turn_densities()
+ERRORS, SLIPS, SLIP_TURNS = (
+    _tabulate_error_densities(),
+    _tabulate_slip_densities(),
+    _tabulate_slip_turn_densities(),
+)
 """Tables that take the place of exponentials, which took most of the smoother's time."""
 
 
@@ -148,7 +152,7 @@ def resample_evenly(random: Random, poses: Floats, weights: Floats, cloud: Singl
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def sample_backwards(
+def sample_trajectories_backwards(
     random: Random,
     clouds: Singles,
     moves: Floats,

@@ -47,9 +47,9 @@ from locplan.simulation.kernels.pursuit import (
     TICKS,
     DriveTrace,
     advance_to_nearest,
-    is_clear,
+    is_arc_clear,
     is_path_ahead_clear,
-    pursue,
+    write_pursuit_command,
 )
 
 HALF_COSTMAP = 1.5
@@ -77,7 +77,7 @@ GO, PLAN, ENDED, ABORTED, TIMED_OUT = range(5)
 
 
 @njit(nogil=True, cache=True)
-def decide(
+def decide_next_command(
     path: Floats, surroundings: DriveWorld, body: RobotBody, replan_ticks: int, trace: DriveTrace
 ) -> int:
     """Write the next command into the trace; return GO, PLAN, or the outcome of the drive.
@@ -107,20 +107,20 @@ def decide(
         return TIMED_OUT
     command[:] = 0.0
     if counts[RECOVERY]:
-        return recover(path, surroundings, body, trace)
+        return continue_recovery(path, surroundings, body, trace)
     path_distance = advance_to_nearest(path, x, y, counts)
     if path_distance > HALF_COSTMAP:
         return ABORTED
     before = trace.believed[max(n - STALL, 0)]
     if n - STALL >= counts[SINCE] and np.hypot(x - before[0], y - before[1]) < STALLED:
-        return fail(counts)
+        return count_failure(counts)
     tx, ty, _ = trace.truth[n]
     cell = surroundings.resolution
     wall_distance = (
         measure_wall_distance(surroundings.squares, ty / cell, tx / cell, NEAR / cell) * cell
     )
-    carrot_distance = pursue(path, body, wall_distance, trace)
-    clear = is_clear(surroundings, body, carrot_distance, trace)
+    carrot_distance = write_pursuit_command(path, body, wall_distance, trace)
+    clear = is_arc_clear(surroundings, body, carrot_distance, trace)
     if n > counts[PLAN_TICK]:
         # Nav2 plans once a second. Without need the planner would find the same path again.
         due = n - counts[PLAN_TICK] >= replan_ticks
@@ -141,11 +141,11 @@ def decide(
     if counts[BLOCKED] < PATIENCE:
         return GO
     counts[STANDSTILLS] += 1
-    return fail(counts)
+    return count_failure(counts)
 
 
 @njit(nogil=True, cache=True)
-def fail(counts: Ints) -> int:
+def count_failure(counts: Ints) -> int:
     """Count a failure of the controller, and begin the recovery that follows."""
     counts[FAILED] += 1
     counts[BLOCKED], counts[SINCE] = 0, counts[TICKS]
@@ -162,7 +162,9 @@ def fail(counts: Ints) -> int:
 
 
 @njit(nogil=True, cache=True)
-def recover(path: Floats, surroundings: DriveWorld, body: RobotBody, trace: DriveTrace) -> int:
+def continue_recovery(
+    path: Floats, surroundings: DriveWorld, body: RobotBody, trace: DriveTrace
+) -> int:
     """Spin, wait, or back up if that is clear, and plan again at last."""
     counts, command = trace.counts, trace.command
     counts[RECOVERY] -= 1
@@ -174,7 +176,7 @@ def recover(path: Floats, surroundings: DriveWorld, body: RobotBody, trace: Driv
         command[2] = SPIN_RATE
     elif kind == BACK:
         command[0] = -body.retreat * path[counts[AT], 2]
-    if not is_clear(surroundings, body, np.inf, trace):
+    if not is_arc_clear(surroundings, body, np.inf, trace):
         command[:] = 0.0
     return GO
 
@@ -218,7 +220,7 @@ def write_next_pose(poses: Floats, n: int, way: float, bearing: float, turn: flo
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def follow(
+def follow_path(
     random: Random,
     sensor_random: Random,
     path: Floats,
@@ -242,7 +244,7 @@ def follow(
     random, sensor_random : numpy.random.Generator
         Sources of random numbers: of odometry, and of the lidar and the filter.
     path, surroundings, body, period, trace
-        As for `decide`.
+        As for `decide_next_command`.
     frame : (3,) array
         Pose of the filter map's axes in the driven part of the map [m, m, rad].
     tracker : Tracker
@@ -274,15 +276,15 @@ def follow(
                     ends[b, 0] *= finer
                     ends[b, 1] *= finer
                 correct_particles(sensor_random, tracker, scores, ends, n, settings)
-            believe(estimate_pose(tracker, trace.reported, n), frame, trace)
-        decision = decide(path, surroundings, body, replan_ticks, trace)
+            write_believed_pose(estimate_pose(tracker, trace.reported, n), frame, trace)
+        decision = decide_next_command(path, surroundings, body, replan_ticks, trace)
         if decision != GO:
             return decision
         apply_command(random, surroundings, body, odometry, trace)
 
 
 @njit(nogil=True, cache=True)
-def believe(pose: tuple[float, float, float], frame: Floats, trace: DriveTrace) -> None:
+def write_believed_pose(pose: tuple[float, float, float], frame: Floats, trace: DriveTrace) -> None:
     """Write the filter's pose, given in its map's axes, into the trace."""
     n = trace.counts[TICKS]
     cos, sin = np.cos(frame[2]), np.sin(frame[2])

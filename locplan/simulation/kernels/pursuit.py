@@ -53,7 +53,7 @@ class DriveTrace(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def is_clear(
+def is_arc_clear(
     surroundings: DriveWorld, body: RobotBody, max_distance: float, trace: DriveTrace
 ) -> bool:
     """True if a second of the command, at most so far [m], keeps off the walls.
@@ -117,7 +117,9 @@ def regulate_speed(
 
 
 @njit(nogil=True, cache=True)
-def pursue(path: Floats, body: RobotBody, wall_distance: float, trace: DriveTrace) -> float:
+def write_pursuit_command(
+    path: Floats, body: RobotBody, wall_distance: float, trace: DriveTrace
+) -> float:
     """Write the command that leads to the point ahead on the path; return its distance [m]."""
     x, y, heading = trace.believed[trace.counts[TICKS]]
     carrot, last = find_carrot(path, x, y, trace.counts[AT]), len(path) - 1
