@@ -27,8 +27,8 @@ from locplan._support.intervals import (
     BootstrapResamples,
     Interval,
     RankStatistics,
-    make_generator,
     compute_rank_statistics,
+    make_generator,
 )
 from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
 from locplan._support.kernels.lidar import (

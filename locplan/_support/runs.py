@@ -14,9 +14,9 @@ from locplan._support.reading import (
     MAX_JSON_BYTES,
     check_file_stamp,
     dump_yaml,
+    make_file_stamp,
     parse_yaml,
     read_content,
-    make_file_stamp,
 )
 from locplan.errors import LocplanError
 

@@ -26,9 +26,9 @@ from locplan._support.output import replace_file
 from locplan._support.reading import (
     STAMP,
     check_file_stamp,
+    make_file_stamp,
     parse_json,
     read_bytes,
-    make_file_stamp,
 )
 from locplan.errors import LocplanError
 

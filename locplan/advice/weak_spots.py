@@ -307,7 +307,7 @@ def find_degenerate_areas(
     >>> grid = environments.make("two_corridors", resolution=0.1)
     >>> field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
     >>> costs = locplan.Costmap.from_field(field)
-    >>> area, *_ = locplan.advice.weak_spots.degenerate_areas(costs, field)
+    >>> area, *_ = locplan.advice.weak_spots.find_degenerate_areas(costs, field)
     >>> area.outline.shape[1], area.area >= 1
     (2, True)
     """

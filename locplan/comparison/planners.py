@@ -270,12 +270,14 @@ def parse_options(planner_text: str, options_text: str) -> dict[str, Any]:
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals and value):
             raise ConfigError(
-                f"planner {short_repr(planner_text)}: {short_repr(part)} must be NAME=VALUE, such as"
+                f"planner {short_repr(planner_text)}: {short_repr(part)} must be NAME=VALUE, such"
+                " as"
                 " time_limit=2"
             )
         if name.partition(".")[0] == "settings":
             raise ConfigError(
-                f"planner {short_repr(planner_text)}: write OMPL's settings by their names, such as range=2"
+                f"planner {short_repr(planner_text)}: write OMPL's settings by their names, such"
+                " as range=2"
             )
         options[name] = _parse_value(value)
     return options

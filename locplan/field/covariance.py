@@ -238,7 +238,8 @@ def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octe
         ):
             raise _make_estimator_error(
                 estimator,
-                f"the values at {_format_cell(part, cell_index)} change with the map beyond the halo of"
+                f"the values at {_format_cell(part, cell_index)} change with the map beyond the"
+                " halo of"
                 f" {halo}"
                 " cells; let halo() reach as far as it looks, and draw no random numbers",
             )

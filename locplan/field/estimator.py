@@ -13,8 +13,8 @@ import numpy as np
 from locplan._support.checks import (
     Settings,
     check_positive,
-    format_suggestion,
     checked_setting,
+    format_suggestion,
     short_repr,
 )
 from locplan._support.kernels.arrays import Floats, Ints, Octets

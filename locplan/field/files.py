@@ -19,7 +19,7 @@ from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.checks import short_repr
 from locplan._support.kernels.arrays import Array, Bools
 from locplan._support.output import replace_file
-from locplan._support.reading import MAX_JSON_BYTES, check_file_stamp, parse_json, make_file_stamp
+from locplan._support.reading import MAX_JSON_BYTES, check_file_stamp, make_file_stamp, parse_json
 from locplan._support.saved import TREE_NAME
 from locplan.errors import FieldError, LocplanError
 from locplan.field import tiles

@@ -17,8 +17,8 @@ from locplan._support.checks import (
     check_instance,
     check_positive,
     check_range,
-    set_frozen_fields,
     checked_setting,
+    set_frozen_fields,
     short_repr,
 )
 from locplan._support.kernels.arrays import Array, Floats

@@ -23,8 +23,8 @@ from locplan.field.templates import (
     BEHIND,
     compute_map_centre,
     count_template_rays,
-    make_disc_mask,
     find_cell_ray_indices,
+    make_disc_mask,
 )
 
 

@@ -25,8 +25,8 @@ from locplan.field.sad import Sad
 from locplan.field.search_window import OffsetLattice
 from locplan.field.templates import (
     cut_rotated_template,
-    make_disc_mask,
     cut_template,
+    make_disc_mask,
     mark_visible_part,
 )
 from locplan.maps.grid import OccupancyGrid

@@ -174,7 +174,7 @@ def _straighten_and_shift(
     cutting: bool,
 ) -> Path:
     """Straighten positions (n, 2) of (row, col) at all scales and shift them; the ends stay."""
-    from locplan.planning.kernels.any_angle import shift_positions, choose_kept_positions
+    from locplan.planning.kernels.any_angle import choose_kept_positions, shift_positions
 
     half, columns, cheapest = bordered.half, bordered.columns, bordered.scale.cheapest
     positions, spacing = positions + 1, 1.0

@@ -17,8 +17,8 @@ from locplan.planning.grid import (
     GridPlanner,
     cells_from_flat_indices,
     find_bordered_index,
-    make_grid_path,
     iterate_bands,
+    make_grid_path,
 )
 from locplan.planning.path import Path
 from locplan.planning.protocol import PlannerResult, Position

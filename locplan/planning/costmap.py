@@ -29,10 +29,10 @@ from locplan.planning.layers import (
     add_zone_costs,
     block_near_walls,
     check_weight,
+    compute_degeneracy,
     compute_density,
     copy_checked_layer,
     copy_layer,
-    compute_degeneracy,
     make_readonly,
     robot_or_none,
 )

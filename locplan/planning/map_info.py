@@ -191,7 +191,8 @@ class MapInfo(DrawableResult):
         file = self.source.file if self.source else file_name
         radius = f" --set footprint={self.robot_radius:g} --set margin=0"
         return (
-            f"locplan plan {shlex.quote(file)} --start {pair.start.position_argument} --goal {pair.goal.position_argument}"
+            f"locplan plan {shlex.quote(file)} --start {pair.start.position_argument} --goal"
+            f" {pair.goal.position_argument}"
             f" --lidar {LIDAR}{'' if self.robot_radius == ROBOT_RADIUS else radius}"
         )
 

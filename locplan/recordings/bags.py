@@ -544,7 +544,8 @@ class BagPoses:
         is_expected = frame in tree.frames or self.options.map_frame != ReadOptions.map_frame
         if topic is None and reported is not None and not is_expected:
             self.notes.append(
-                f"there are no poses on the map: those of odometry ({odometry_source}) are taken, in"
+                f"there are no poses on the map: those of odometry ({odometry_source}) are taken,"
+                " in"
                 " their own frame"
             )
             return reported[self.scan_time_indices], odometry_source, ""

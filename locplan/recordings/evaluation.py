@@ -18,11 +18,11 @@ from locplan._support.intervals import (
     Interval,
     RankStatistics,
     assign_blocks,
+    compute_rank_statistics,
     count_block_draws,
     estimate_block_mean,
     format_decimal,
     format_ratio,
-    compute_rank_statistics,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import move_ends_to_poses

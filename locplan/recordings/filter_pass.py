@@ -138,7 +138,7 @@ class FilterPass:
     ) -> tuple[Singles, float]:
         """Move a cloud of particles to scan `scan_number`, weigh it by the scan, and resample it.
 
-        If no particle fits, more particles are tried, then the whole map is searched. `n_poor_scans` is
+        If no particle fits, more particles are tried, then the whole map. `n_poor_scans` is
         the number of consecutive previous scans with a poor fit. Returns the new cloud and its
         best fit.
         """

@@ -68,8 +68,10 @@ def format_drive_sentence(is_certain: Bools, is_fitting: Bools, is_right: Bools 
     certainty_text = f"have no second place within {CERTAIN:g} nats"
     if is_right is not None:
         text = (
-            f"{int(is_right.sum())} of {count} scans are located within {limits} of the recorded pose."
-            f" {int(is_certain.sum())} {certainty_text}, and {int((is_right & is_certain).sum())} of these"
+            f"{int(is_right.sum())} of {count} scans are located within {limits} of the recorded"
+            " pose."
+            f" {int(is_certain.sum())} {certainty_text}, and {int((is_right & is_certain).sum())}"
+            " of these"
             " are right."
         )
         if is_certain.any() and is_right[is_certain].mean() < AGREE:
@@ -383,7 +385,8 @@ class LocatedDrive(Result):
             " the recorded pose."
         )
         table_with_recorded_pose = replace(modes, rows=(*modes.rows, (*recorded, *unknown)))
-        return f"{table_with_recorded_pose}\n{_wrap_text(f'{self.single_location.sentence} {error_text}')}"
+        summary = _wrap_text(f"{self.single_location.sentence} {error_text}")
+        return f"{table_with_recorded_pose}\n{summary}"
 
     def _format_errors(self) -> list[str]:
         """Return a sentence on the errors of the correct locations; empty without any."""
@@ -572,8 +575,8 @@ def locate_scan(
     """Find the modes of a scan among places of a database; ranges are inf without a return."""
     from locplan.recordings.kernels.scan_losses import (
         TOP,
-        find_distinct_poses,
         can_robot_stand_at,
+        find_distinct_poses,
         refine_on_lattice,
     )
 

@@ -18,8 +18,8 @@ from locplan._support.checks import (
     check_instance,
     check_number,
     check_positive,
-    set_frozen_fields,
     checked_setting,
+    set_frozen_fields,
 )
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
 from locplan._support.poses import make_rotation_matrix, move_ends_to_poses, wrap_angles

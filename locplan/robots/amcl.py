@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final, Literal, Protocol
 from locplan._support.checks import (
     Settings,
     check_positive,
-    describe_changed_settings,
     checked_setting,
+    describe_changed_settings,
 )
 from locplan.errors import ConfigError
 

@@ -15,10 +15,10 @@ from locplan._support.checks import (
     check_file_path,
     check_instance,
     check_number,
+    checked_setting,
     describe_changed_settings,
     format_suggestion,
     set_frozen_fields,
-    checked_setting,
     short_repr,
 )
 from locplan._support.files import check_writable_file

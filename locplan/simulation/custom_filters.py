@@ -108,8 +108,8 @@ class CustomFilterLoop:
         from locplan.simulation.kernels.follower import (
             GO,
             apply_command,
-            write_believed_pose,
             decide_next_command,
+            write_believed_pose,
         )
         from locplan.simulation.kernels.pursuit import TICKS
 

@@ -36,7 +36,7 @@ SUPERVISED = """
 from locplan._support.supervision import run_supervised
 def work():
     {work}
-from locplan.__main__ import clear
+from locplan.__main__ import finish_and_remove_temporary_folder as clear
 sys.exit(run_supervised(work, clear))
 """
 
@@ -119,7 +119,7 @@ def test_moves_that_began_are_finished_if_the_process_is_killed(tmp_path):
 import os
 from pathlib import Path
 from locplan._support.output import ResultOutput
-with Output(Path("kept"), "plan").writing() as folder:
+with ResultOutput(Path("kept"), "plan").writing() as folder:
     (folder / "a").write_text("1")
     (folder / "b").write_text("1")
     move = os.replace

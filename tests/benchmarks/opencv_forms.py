@@ -8,7 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from locplan.field.templates import cut_rotated_template, make_disc_mask, cut_template
+from locplan.field.templates import cut_rotated_template, cut_template, make_disc_mask
 from locplan.paper.template_matching import compute_sad_distribution
 
 

@@ -14,7 +14,7 @@ from locplan.field.estimator import MapPart
 from locplan.field.kernels import bitplanes, sad as kernel
 from locplan.field.sad import Exponential, InverseSquare
 from locplan.field.sad_tiles import MapLayout
-from locplan.field.templates import make_disc_mask, cut_template, read_levels
+from locplan.field.templates import cut_template, make_disc_mask, read_levels
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
 from locplan.paper.template_matching import compute_sad_distribution
 

@@ -10,8 +10,8 @@ from locplan.field.templates import (
     BEHIND,
     count_template_rays,
     cut_rotated_template,
-    make_disc_mask,
     cut_template,
+    make_disc_mask,
     mark_visible_part,
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -19,8 +19,8 @@ from locplan.paper.template_matching import (
     MODELS,
     compare_models_along_axis,
     compare_models_along_strip,
-    compute_sad_distribution,
     compute_mismatch_areas,
+    compute_sad_distribution,
     compute_similarities,
 )
 

@@ -148,7 +148,7 @@ def correct_particles(
 def estimate_pose(
     filter_state: FilterState, reported: Floats, pose_index: int
 ) -> tuple[float, float, float]:
-    """Return the filter's pose at `pose_index`: the last resampled pose, moved by odometry since."""
+    """Return the filter's pose at `pose_index`: the last resampled pose plus odometry."""
     pose, at = filter_state.pose, filter_state.state[AT]
     cos, sin = np.cos(pose[2] - reported[at, 2]), np.sin(pose[2] - reported[at, 2])
     x, y = reported[pose_index, 0] - reported[at, 0], reported[pose_index, 1] - reported[at, 1]

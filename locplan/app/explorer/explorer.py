@@ -223,7 +223,8 @@ def open_explorer(
     _check_stops(session.scene.costs, start_settings)
     if not np.isfinite(session.scene.costs.density).any():
         raise ConfigError(
-            f"a robot of radius {start_settings.robot.radius:g} m fits nowhere on this map; reduce its"
+            f"a robot of radius {start_settings.robot.radius:g} m fits nowhere on this map;"
+            " reduce its"
             " footprint or margin"
         )
     server = ExplorerServer(session, port)

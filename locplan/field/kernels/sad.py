@@ -143,7 +143,7 @@ def fill_tile_covariances(
 
     `is_kept` (theta, n, dx) marks the lines that count; the marks of a single cell hold for all
     cells. `offset_places` are the places of the poses among the offsets, see `write_covariance`.
-    The buffers hold the data of the last cell. Without `sight_rays` there are no masks, and the whole
+    The buffers hold the data of the last cell. Without `sight_rays` there is no mask, and the whole
     disc counts. ``control[DONE]`` counts the cells; once another thread sets ``control[STOP]`` the
     rest is left as it is.
     """

@@ -18,9 +18,9 @@ from locplan.planning.any_angle import AnyAngle, straighten_path
 from locplan.planning.costmap import Costmap
 from locplan.planning.grid import (
     find_cheapest_cells,
-    make_grid_path,
     label_connected_parts,
     make_blank_costs,
+    make_grid_path,
 )
 from locplan.planning.lattice import Lattice
 from locplan.planning.metrics import path_metrics
