@@ -258,7 +258,7 @@ def killing(step):
         left[0] -= 1
         return step(*arguments, **options)
     return stepped
-with Output(Path("out"), "plan").writing() as new:
+with ResultOutput(Path("out"), "plan").writing() as new:
     for name in ("a", "b", "d"):
         (new / name).write_text("2")
     os.replace, os.unlink, os.rmdir = map(killing, (os.replace, os.unlink, os.rmdir))

@@ -369,9 +369,9 @@ def test_check_reports_findings_before_drives_end(watched):
 
 def test_check_writes_and_names_files_of_fixes(solid, tmp_path):
     solid.save(tmp_path)
-    assert solid.list_written_files()
+    assert solid.describe_fix_files()
     pages = "report.html", "check.json", "check.png", "check.csv"
-    for name in (*solid.list_written_files(), *pages):
+    for name in (*solid.describe_fix_files(), *pages):
         assert (tmp_path / name).exists(), name
     about = json.loads((tmp_path / "check.json").read_text())
     assert about["recommended"] == list(solid.recommended)

@@ -549,7 +549,7 @@ def test_an_update_reads_a_window_only(edited, monkeypatch):
 def test_a_costmap_is_updated_by_a_field_of_its_own_kind(edited):
     field, _ = edited
     costs = Costmap.from_field(field)
-    with pytest.raises(ConfigError, match="own config only"):
+    with pytest.raises(ConfigError, match="another config than the costmap"):
         Costmap.blank(field.grid).update(field)
     with pytest.raises(ConfigError, match="field must be"):
         costs.update(field.covariance)

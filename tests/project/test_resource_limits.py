@@ -36,7 +36,7 @@ def no_work(monkeypatch):
         raise AssertionError("the work has begun")
 
     monkeypatch.setattr("locplan.field.Sad.covariances", work)
-    monkeypatch.setattr(drives, "drive", work)
+    monkeypatch.setattr(drives, "simulate_drive", work)
 
 
 @pytest.fixture

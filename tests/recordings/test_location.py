@@ -62,7 +62,11 @@ def rooms(*, differ: bool = False) -> OccupancyGrid:
 
 def scan_at(grid: OccupancyGrid, lidar: Lidar, *pose: float) -> np.ndarray:
     """Ranges of the lidar's beams at a pose in the world, without noise [m]."""
-    from locplan._support.kernels.lidar import LidarBeams as Beams, lever, write_scan_ends
+    from locplan._support.kernels.lidar import (
+        LidarBeams as Beams,
+        compute_lidar_offset,
+        write_scan_ends,
+    )
     from locplan._support.kernels.rays import compute_empty_squares
 
     beams = Beams(
@@ -79,7 +83,7 @@ def scan_at(grid: OccupancyGrid, lidar: Lidar, *pose: float) -> np.ndarray:
     ends = np.empty((lidar.beams, 2))
     squares = compute_empty_squares(grid.cells == OCCUPIED)
     write_scan_ends(squares, grid.resolution, float(row), float(col), heading, beams, ends)
-    away = ends - np.array(lever(beams, heading, grid.resolution))
+    away = ends - np.array(compute_lidar_offset(beams, heading, grid.resolution))
     ranges = np.hypot(*away.T) * grid.resolution
     return np.where(np.isnan(ranges), np.inf, ranges)
 
@@ -285,12 +289,12 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
     ranges = scan_at(different, LIDAR, *POSES[0])
     compared = database.matching.select_ranges(ranges[None])[0]
     scan = ScanOnMap(database, compared)
-    ends, lever = scan.ends, scan.turn_lever
+    ends, compute_lidar_offset = scan.ends, scan.turn_lever
     tables, last = database.tables, len(database.tables.corners) - 1
 
     def refined(pose):
         moved = np.array(pose)
-        refine_pose(tables, last, ends, lever, moved)
+        refine_pose(tables, last, ends, compute_lidar_offset, moved)
         return tuple(moved.tolist())
 
     x, y, heading = POSES[0]
@@ -306,7 +310,7 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
             tuple((at + shift).tolist()),
         )
         pose = at + shift
-        assert refine_on_lattice(tables, ends, lever, 4, 2.0, 3, 0.1, pose) == least
+        assert refine_on_lattice(tables, ends, compute_lidar_offset, 4, 2.0, 3, 0.1, pose) == least
         np.testing.assert_array_equal(pose, expected)
         gains.append(
             compute_loss_at_pose(tables, last, ends, *refined(tuple((at + shift).tolist()))) - least

@@ -836,7 +836,7 @@ def test_paths_of_a_car_within_a_budget_are_not_driven(grid, fielded):
 @pytest.mark.parametrize(
     ("arguments", "error", "words"),
     [
-        ({"goal": START}, ConfigError, "one place"),
+        ({"goal": START}, ConfigError, "the same place"),
         ({"start": (4.0, 2.0)}, PoseError, "start 4,2 lies in a wall"),
         ({"longest": 0.9}, ConfigError, "longest must be at least 1"),
         ({"price": -1.0}, ConfigError, "price must be at least 0"),
@@ -1027,7 +1027,7 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
     ("options", "words"),
     [
         (("--start", "4,2", "--goal", "11,3"), "start 4,2 lies in a wall"),
-        (("--start", "1,3", "--goal", "1,3"), "one place"),
+        (("--start", "1,3", "--goal", "1,3"), "the same place"),
         ((*ENDS, "--longest", "0.5"), "longest"),
         ((*ENDS, "--path", "wall.csv"), "candidate wall: leaves the free cells"),
         ((*ENDS, "--path", "far.csv"), "'far' has its goal"),
