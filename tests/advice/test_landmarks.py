@@ -435,8 +435,8 @@ def test_a_hit_counts_some_22_times_less_for_a_likelihood_field_where_all_beams_
     product, summed = seen_by(Robot(six, filter=PRODUCT)), seen_by(Robot(six))
     rays = product.rays.beams
     assert rays == summed.rays.beams
-    ratio = product.sensing.share / (
-        summed.sensing.share / (1 + summed.sensing.hit_coefficient * rays)
+    ratio = product.sensing_model.share / (
+        summed.sensing_model.share / (1 + summed.sensing_model.hit_coefficient * rays)
     )
     assert 20 < ratio < 24
 

@@ -64,7 +64,7 @@ def test_the_search_for_garbage_ends_with_the_program(monkeypatch, ompl):
     monkeypatch.delitem(sys.modules, "ompl", raising=False)
     if ompl:
         monkeypatch.setitem(sys.modules, "ompl", cli)  # its bindings would report leaks
-    runpy.run_module("locplan", run_name="program")["work"]()
+    runpy.run_module("locplan", run_name="program")["run_command_line"]()
     assert done == ["set_threshold", "work", *([] if ompl else ["disable", "freeze"])]
 
 

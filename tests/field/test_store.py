@@ -37,14 +37,14 @@ from locplan.field import compute as computing, files, load_or_compute, store
 from locplan.maps import load_map
 from support.fields import QUICK_FIELD
 
-compute, write = computing.compute, files.write_points
+compute, write = computing.compute_tile, files.write_points
 def when_allowed(*arguments, **task):
     sys.stdin.readline()
     return compute(*arguments, **task)
 def and_report(*arguments):
     write(*arguments)
     print("written", flush=True)
-computing.compute, files.write_points, store.PART_SECONDS = when_allowed, and_report, 0.0
+computing.compute_tile, files.write_points, store.PART_SECONDS = when_allowed, and_report, 0.0
 load_or_compute(load_map(sys.argv[1]), QUICK_FIELD, cache_dir=sys.argv[2], threads=1)
 """
 """Another process, which computes a tile for every line that it reads."""
@@ -102,7 +102,7 @@ def computed(monkeypatch) -> list[int]:
         calls.append(len(part.rows))
         return compute(engine, estimator, part)
 
-    monkeypatch.setattr(computing, "compute", spy)
+    monkeypatch.setattr(computing, "compute_tile", spy)
     return calls
 
 
@@ -242,7 +242,8 @@ def test_interrupted_field_resumes_from_parts(grid, tmp_path, computed, parts_of
     done = sum(computed)
     computed.clear()
     field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
-    assert 0 < sum(computed) <= field.is_evaluated.sum() * (1 - entry.finished_share)
+    rest = field.is_evaluated.sum() * (1 - entry.finished_share)
+    assert 0 < sum(computed) <= rest + 1e-6  # the share is rounded
     assert done + sum(computed) < 1.6 * field.is_evaluated.sum()
     assert equals_computed(field)
     assert [entry.path for entry in list_cache_entries(tmp_path)] == [

@@ -606,7 +606,7 @@ def test_no_more_is_said_than_was_searched():
     alone = grow_roadmap(Motions(costs), limits=SearchLimits(iterations=1))
     assert alone.plan(start, goal).status == "not found"
     on_grid = plan(costs, start, goal, planner="grid")
-    given = {"limits": SearchLimits(iterations=1), "ahead": on_grid.path.xy}
+    given = {"limits": SearchLimits(iterations=1), "seed_path": on_grid.path.xy}
     led = grow_roadmap(Motions(costs), **given)
     assert led.plan(start, goal).metrics.cost <= on_grid.metrics.cost * (1 + 1e-6)
     ahead = np.arange(len(led.poses) - len(on_grid.path.xy), len(led.poses))
