@@ -234,9 +234,7 @@ class Fused(Estimator):
         )
 
     def q(self, lattice: OffsetLattice) -> Floats:
-        """Return zero, (d, d): the mean includes the scan's Q already. See
-        `locplan.field.Estimator.q`.
-        """
+        """Return zero, (d, d): the mean has the scan's Q. See `locplan.field.Estimator.q`."""
         return self.fisher.q(lattice)
 
     def covariances(self, part: MapPart) -> Values:

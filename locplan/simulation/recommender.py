@@ -126,7 +126,7 @@ def recommend_path(
     Returns
     -------
     Recommendation
-        Its `path` is None if no path leads to the goal or keeps the limits, see `status`.
+        Its `path` is None if no path leads to the goal or keeps the limits; its status says why.
 
     Raises
     ------

@@ -50,7 +50,7 @@ def test_repaired_scene_equals_computed_one(kind):
     points = [[x, y], [x + 1, y + 1]] if kind == "wall" else [[x, y]]
     ask(session, "change", changes=[draw(kind, points, 4.0 if kind == "erase" else 0.6)])
     check_scene(session)
-    assert any(not scene.is_whole for scene in scenes)
+    assert any(not scene.is_field_complete for scene in scenes)
     assert not any(scene.field.is_interpolated.any() for scene in scenes)
     assert len({scene.digest for scene in scenes if scene.site is session.scene.site}) > 2
 
@@ -64,7 +64,7 @@ def test_repaired_field_of_rays_equals_computed_one(kind):
     scenes = watch(session)
     ask(session, "change", changes=[draw("pole", free_places(session, 1), 0.5)])
     check_scene(session, config)
-    assert any(not scene.is_whole for scene in scenes)
+    assert any(not scene.is_field_complete for scene in scenes)
 
 
 def test_changes_during_repair_end_in_last_site():

@@ -74,7 +74,7 @@ from locplan.export.registry import ExportOptions, ExportSummary, make_option_fi
 class NameOptions(ExportOptions):
     """The options of a name."""
 
-    prefix: str = option_field("the ")
+    prefix: str = make_option_field("the ")
     """Text before the name."""
 
 
@@ -145,7 +145,11 @@ NEW_LINES = [
     # measure: its field, its value, its column, and the words that compare planners by it
     ("planning/metrics.py", "    cost: float\n", "    corners: int\n"),
     ("planning/metrics.py", "        cost=float(", "        corners=len(path.xy) - 2,\n"),
-    ("planning/metrics.py", '    Column("cost"', '    Column("corners", "", "corners", 0),\n'),
+    (
+        "planning/metrics.py",
+        '    TableColumn("cost"',
+        '    TableColumn("corners", "", "corners", 0),\n',
+    ),
     (
         "comparison/statistics.py",
         '    "cost": (RATIO',
@@ -155,7 +159,7 @@ NEW_LINES = [
     (
         "robots/lidar.py",
         '    "turtlebot3":',
-        '    "toy": DataSheet(5.0, 0.1, 90.0, 91, 0.02, "a box"),\n',
+        '    "toy": LidarDataSheet(5.0, 0.1, 90.0, 91, 0.02, "a box"),\n',
     ),
     # preset
     ("robots/presets.py", "    SAFE: dict(", '    "keen": {"z_hit": 0.8},\n'),
@@ -165,13 +169,13 @@ NEW_LINES = [
     # column
     (
         "comparison/result.py",
-        '    Column("sentence", value=lambda standing: standing.cost',
-        '    Column("solved_runs", value=lambda standing: standing.summary.solved),\n',
+        '    TableColumn("sentence", value=lambda standing: standing.cost',
+        '    TableColumn("solved_runs", value=lambda standing: standing.summary.solved),\n',
     ),
     (
         "planning/metrics.py",
-        '        Column("range", "m", value',
-        '        Column("beams", title="beams", value=lambda share: share.lidar.beams),\n',
+        '        TableColumn("range", "m", value',
+        '        TableColumn("beams", title="beams", value=lambda share: share.lidar.beams),\n',
     ),
 ]
 """The existing files that change: the text before which new text stands, and the new text."""
@@ -211,7 +215,7 @@ assert "gaussian" in config.title and "Gaussian(width=0.4)" in repr(config)
 weights = config.estimator.offset_weights(np.array([0, 254, 254000]), 0.05)
 assert 1 == weights[0] > weights[1] > 0.99 and weights[2] < 1e-10
 
-assert "beams" in str(make_lidar_table([LidarShare(locplan.Lidar.preset("turtlebot4"), 0.1)]))
+assert "beams" in str(make_lidar_table([LidarDegeneracy(locplan.Lidar.preset("turtlebot4"), 0.1)]))
 """
 
 
