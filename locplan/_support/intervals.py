@@ -283,7 +283,7 @@ def compute_auc(values: Floats, errors: Floats) -> float:
     Examples
     --------
     >>> errors = np.array([0.1, 0.2, 0.3, 0.4, 5.0])
-    >>> auc(np.array([1.0, 2.0, 3.0, 4.0, 5.0]), errors), auc(np.ones(5), errors)
+    >>> compute_auc(np.array([1.0, 2.0, 3.0, 4.0, 5.0]), errors), compute_auc(np.ones(5), errors)
     (1.0, 0.5)
     """
     return float(_compute_aucs(values, errors, np.ones((1, len(values))))[0])

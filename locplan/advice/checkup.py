@@ -110,7 +110,7 @@ def check(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
-    >>> robot = robot.changed({"min_particles": 100, "max_particles": 100})
+    >>> robot = robot.with_settings({"min_particles": 100, "max_particles": 100})
     >>> stations = {"west": (2.0, 3.0), "middle": (14.0, 3.0)}
     >>> report = check(grid, robot, stations, effort="quick")
     >>> [route.name for route in report.routes]

@@ -470,7 +470,7 @@ def place_landmarks(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> route = Path(np.array([[6.0, 3.0], [30.0, 3.0]]))
-    >>> robot = locplan.Robot().changed({"laser_model_type": "likelihood_field_prob"})
+    >>> robot = locplan.Robot().with_settings({"laser_model_type": "likelihood_field_prob"})
     >>> made = place_landmarks(grid, locplan.advice.Pole(0.2), 2, paths=route, robot=robot)
     >>> made.poses.shape, bool(made.curve[2] < made.curve[1] < made.curve[0])
     ((2, 3), True)

@@ -52,7 +52,7 @@ class CheckLimit:
 
         Examples
         --------
-        >>> Limit.parse("lost > 5%").number
+        >>> CheckLimit.parse("lost > 5%").number
         0.05
         """
         words = re.fullmatch(r"\s*(\w+)\s*([<>]=?)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%|m)?\s*", text)

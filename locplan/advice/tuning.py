@@ -434,7 +434,7 @@ def tune(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    >>> robot = locplan.Robot().changed({"min_particles": 20, "max_particles": 20})
+    >>> robot = locplan.Robot().with_settings({"min_particles": 20, "max_particles": 20})
     >>> result = tune(grid, robot, paths=5, drives=2, levels=LEVELS[:1])
     >>> result.winner.max_particles
     20
@@ -517,7 +517,7 @@ def make_names_unique(names: Sequence[str]) -> list[str]:
 
     Examples
     --------
-    >>> number_names(["hall", "lab", "hall"])
+    >>> make_names_unique(["hall", "lab", "hall"])
     ['hall', 'lab', 'hall 2']
     """
     counts = [names[:n].count(name) + 1 for n, name in enumerate(names)]
@@ -586,7 +586,7 @@ def tune_on_drive(
     >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (36.0, 3.0)).path
     >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
     >>> drive = record_drive(grid, path, robot)
-    >>> own = robot.changed({"min_particles": 20, "max_particles": 20})
+    >>> own = robot.with_settings({"min_particles": 20, "max_particles": 20})
     >>> tune_on_drive(drive, grid, own, drives=2).winner.max_particles
     20
     """

@@ -27,7 +27,7 @@ def make_disc_mask(radius: int) -> Bools:
 
     Examples
     --------
-    >>> disc(1).astype(int)
+    >>> make_disc_mask(1).astype(int)
     array([[0, 1, 0],
            [1, 1, 1],
            [0, 1, 0]])

@@ -146,7 +146,7 @@ def compute_similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, fl
 
     Examples
     --------
-    >>> found = similarities([0, 254], [127, 254])
+    >>> found = compute_similarities([0, 254], [127, 254])
     >>> found["SAD"], found["SSD"], round(found["NCC"], 2)
     (127.0, 16129.0, 0.89)
     """

@@ -48,7 +48,7 @@ def compute_route_key(path: Path | Sequence[Sequence[float]]) -> int:
     Examples
     --------
     >>> straight = Path(np.array([[2.0, 3.0], [6.0, 3.0]]))
-    >>> route_key(straight) == route_key([(2.0, 3.0), (4.0, 5.0), (6.0, 3.0001)])
+    >>> compute_route_key(straight) == compute_route_key([(2.0, 3.0), (4.0, 5.0), (6.0, 3.0001)])
     True
     """
     xy = path.xy if isinstance(path, Path) else path

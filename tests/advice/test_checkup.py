@@ -192,7 +192,7 @@ def test_weak_spots_lie_where_routes_can_pass():
     found = check(grid, ROBOT, [((3.0, 5.0), (20.0, 5.0))], effort="quick", filter_map=larger)
     assert found.spots
     assert all(2 <= each.x <= 22 and 2 <= each.y <= 8 for each in found.spots)
-    sizes = "the map measures 24.00 x 10.00 m, the filter's map 25.00 x 11.00 m"
+    sizes = "The map measures 24.00 x 10.00 m, the filter's map 25.00 x 11.00 m"
     assert sizes in " ".join(found.report().split())
 
 

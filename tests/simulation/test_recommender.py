@@ -261,7 +261,9 @@ PLANNED = {
     ("longest", "reason"),
     [
         (1.5, r"(nearly the )?same path as '[a-z ]+'"),
-        pytest.param(1.0, r"\d+\.\d m, more than 1 times the shortest", marks=pytest.mark.long),
+        pytest.param(
+            1.0, r"\d+\.\d m, more than 1 times the shortest path", marks=pytest.mark.long
+        ),
     ],
 )
 def test_choose_reports_every_dropped_candidate(grid, fielded, tmp_path, longest, reason):

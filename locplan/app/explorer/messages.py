@@ -167,7 +167,7 @@ class CancelToken:
 
     Examples
     --------
-    >>> token = Cancel()
+    >>> token = CancelToken()
     >>> token.check()
     >>> token.cancel()
     >>> token.check()
