@@ -117,7 +117,7 @@ class FieldSummary:
             ],
         )
         if self.all_perfect:
-            return f"{text}\nno weak spot for this lidar: u is 0 all over the map"
+            return f"{text}\nthis lidar has no weak spot on the map: u is 0 throughout"
         resolved = self.saturated_share <= SATURATED
         return text if resolved else f"{text}\n{estimator.remedy}"
 

@@ -553,7 +553,7 @@ def test_a_map_without_weak_spots_says_so(run, tmp_path, monkeypatch):
     lines = ["#" * 16, *["#" + "." * 14 + "#"] * 14, "#" * 16]
     save_map(ascii_map(*lines, resolution=0.1), tmp_path / "small.yaml")
     ends = "--start", "0.75,0.75", "--goal", "0.95,0.85", "--set", "footprint=0.05"
-    said = "no weak spot for this lidar"
+    said = "this lidar has no weak spot"
     for lidar, none in (("tim571", True), ("turtlebot4", False)):
         monkeypatch.setattr("locplan.field.beams.SHARP", 0.8 if none else 0.01)
         named = "--lidar", lidar
