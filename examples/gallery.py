@@ -48,7 +48,7 @@ COSTS = """
 import sys, locplan
 grid = locplan.load_map(sys.argv[1])
 field = locplan.load_or_compute(grid, locplan.Fused(locplan.Lidar.preset('{lidar}')))
-costs = locplan.Costmap.from_field(grid, field, robot=0.25)
+costs = locplan.Costmap.from_field(field, robot=0.25)
 """
 """Beginning of a program that draws with the library."""
 ENTRIES = (
