@@ -166,11 +166,11 @@ FIELDLESS_DENSITIES: dict[str, DensityFunction] = {
     "clear of walls": lambda part: part.wall_avoiding_density,
     "along walls": lambda part: 1 + 3 * np.minimum(abs(part.grid.clearance - 0.6), 1.5),
     "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.grid.clearance - 1), 2),
-    "detour": lambda part: part.wall_avoiding_density + 50 * part.is_near_shortest_middle,
-    "way around 1": lambda part: 1 + 1.2 * part.candidate_proximity,
-    "way around 2": lambda part: 1 + 2.5 * part.candidate_proximity,
-    "clear way around 1": lambda part: part.wall_avoiding_density + 1.2 * part.candidate_proximity,
-    "clear way around 2": lambda part: part.wall_avoiding_density + 2.5 * part.candidate_proximity,
+    "detour 1": lambda part: part.wall_avoiding_density + 50 * part.is_near_shortest_middle,
+    "detour 2": lambda part: 1 + 1.2 * part.candidate_proximity,
+    "detour 3": lambda part: 1 + 2.5 * part.candidate_proximity,
+    "detour 4": lambda part: part.wall_avoiding_density + 1.2 * part.candidate_proximity,
+    "detour 5": lambda part: part.wall_avoiding_density + 2.5 * part.candidate_proximity,
 }
 """Those that need no field, whose paths must be others than those before. They were found to lower
 the error of filters; the first is the best of them."""

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from locplan._support.drawing import (
     BLUE,
     COLOURS,
     MIN_ERROR,
+    ORANGE,
     PATH_STYLES,
     RECOMMENDED,
     LineStyle,
@@ -24,8 +29,17 @@ from locplan._support.drawing import (
     make_logarithmic,
 )
 from locplan._support.intervals import Interval, format_metres
-from locplan._support.kernels.arrays import Floats
-from locplan.maps.figures import compute_figure_size, crop_map, draw_map, draw_zones, zoom_map
+from locplan._support.kernels.arrays import Bools, Floats
+from locplan.maps.figures import (
+    compute_figure_size,
+    crop_map,
+    downsample,
+    draw_cells,
+    draw_map,
+    draw_zones,
+    zoom_map,
+)
+from locplan.maps.grid import OccupancyGrid
 from locplan.planning.figures import (
     draw_coloured_line,
     draw_degeneracy,
@@ -124,11 +138,23 @@ def simulation_figure(simulation: Simulation) -> Figure:
 
 PLACE_MARKS = {ENDS: "x", STOPS: "s", LEAVES: "."}
 """Marks of where closed-loop drives go wrong."""
+MARK_LABELS = {
+    ENDS: "a robot ends short of the goal",
+    STOPS: "a robot stops short of the goal",
+    LEAVES: f"a robot {LEAVES}",
+}
+"""Their texts in the legend."""
 FAINT_MARK_STYLE: dict[str, Any] = {"markersize": 4, "markeredgewidth": 0.8, "alpha": 0.6}
 """Style of the mark of which there are many, near each other."""
 
 
-def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
+def draw_places(
+    axes: Axes,
+    arrivals: Arrivals | None,
+    colour: Any,
+    *,
+    kinds: Collection[str] = tuple(PLACE_MARKS),
+) -> None:
     """Mark where robots stop, end without having arrived, and leave the path.
 
     Parameters
@@ -139,9 +165,12 @@ def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
         Closed-loop drives along one path, if there are any.
     colour : color
         The path's colour.
+    kinds : collection of str, default all of them
+        The kinds of places to mark.
     """
     rows = arrivals.places().rows if arrivals else ()
-    for place_kind, mark in PLACE_MARKS.items():
+    for place_kind in kinds:
+        mark = PLACE_MARKS[place_kind]
         if xy := [row[2:4] for row in rows if row[1] == place_kind]:
             # Below start and goal, which stay to be seen.
             style: dict[str, Any] = {"markersize": 6, "markeredgewidth": 1.5, "zorder": 3.5}
@@ -149,26 +178,26 @@ def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
             axes.plot(*np.array(xy).T, mark, color=colour, **style)
 
 
-def make_place_legend_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
+def make_place_legend_handles(
+    arrivals: Iterable[Arrivals | None], *, kinds: Collection[str] = tuple(PLACE_MARKS)
+) -> list[Line2D]:
     """Return legend entries for the marks in the figure.
 
     Parameters
     ----------
     arrivals : iterable of Arrivals, or of None
         Closed-loop drives along some paths.
+    kinds : collection of str, default all of them
+        The kinds of places that are marked.
     """
     present_kinds = {
         row[1] for path_arrivals in arrivals if path_arrivals for row in path_arrivals.places().rows
     }
     style: dict[str, Any] = {"linestyle": "", "color": "0.3", "mfc": "none"}
-    kinds = [
-        (place_kind, mark)
-        for place_kind, mark in PLACE_MARKS.items()
-        if place_kind in present_kinds
-    ]
     return [
-        Line2D([], [], marker=mark, label=f"a robot {place_kind}", **style)
-        for place_kind, mark in kinds
+        Line2D([], [], marker=PLACE_MARKS[place_kind], label=MARK_LABELS[place_kind], **style)
+        for place_kind in kinds
+        if place_kind in present_kinds
     ]
 
 
@@ -259,10 +288,13 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
     """
     ends = Path(np.array([recommendation.start[:2], recommendation.goal[:2]]))
     paths = [*(candidate.path for candidate in recommendation.candidates), ends]
-    width, height, part = MIN_FIGURE_WIDTH, 4.0, None
+    width, height, part, blind = MIN_FIGURE_WIDTH, 4.0, None, None
     if recommendation.costs is not None:
+        blind = _find_blind_region(recommendation)
+        range_circle = [blind.range_circle] if blind and blind.is_range_short else []
         part = crop_map(
-            recommendation.costs.grid, [*paths, *_collect_marked_places(recommendation)]
+            recommendation.costs.grid,
+            [*paths, *_collect_marked_places(recommendation), *range_circle],
         )
         width, height = compute_figure_size(part)
         width = max(width, MIN_FIGURE_WIDTH)
@@ -272,13 +304,15 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
     axes = figure.subplots(
         2 if below else 1, squeeze=False, height_ratios=[height, below][: 1 + bool(below)]
     )
-    upper, zones = axes[0, 0], []
+    upper, zones, reasons = axes[0, 0], [], list[Artist]()
     if recommendation.costs is not None and part is not None:
         draw_map(upper, part)
         draw_inset(upper, recommendation.costs.grid, part, paths)
         zones = draw_zones(upper, recommendation.costs.zones, part)
         if recommendation.judgement is None:
             draw_degeneracy(figure, upper, recommendation.costs, part)
+        elif blind:
+            reasons = _draw_blind_region(upper, blind, recommendation.costs.grid, part)
     else:
         upper.set_aspect("equal")
     # The recommended path is drawn last.
@@ -286,14 +320,20 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
         recommendation.candidates, key=lambda candidate: _rank_candidate(recommendation, candidate)
     ):
         rank = _rank_candidate(recommendation, candidate)
-        draw_places(upper, candidate.arrivals, LINE_COLOURS[rank])
-        draw_path(upper, candidate.path, color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank])
+        draw_places(upper, candidate.arrivals, LINE_COLOURS[rank], kinds=(ENDS, STOPS))
+        style: dict[str, Any] = {"color": LINE_COLOURS[rank], "linewidth": LINE_WIDTHS[rank]}
+        if rank == 0:  # white outlines of many thin paths would hide the shaded places
+            style["path_effects"] = []
+        draw_path(upper, candidate.path, **style)
     draw_start_and_goal(upper, recommendation.start, recommendation.goal)
     if recommendation.candidates:
         (_draw_errors if recommendation.judgement else _draw_degeneracy)(axes[1, 0], recommendation)
-    marks = make_place_legend_handles(candidate.arrivals for candidate in recommendation.candidates)
+    marks = make_place_legend_handles(
+        (candidate.arrivals for candidate in recommendation.candidates), kinds=(ENDS, STOPS)
+    )
     figure.key(
-        [*_make_legend_handles(recommendation), *marks, *list_end_handles(), *zones], ncols=3
+        [*_make_legend_handles(recommendation), *reasons, *marks, *list_end_handles(), *zones],
+        ncols=2,
     )
     name = recommendation.map["name"] or "map"
     figure.title(
@@ -302,6 +342,82 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
         recommendation.drives_text,
     )
     return figure
+
+
+WEAK_DEGENERACY = 0.5
+"""Degeneracy u from which a place counts as weak."""
+WEAK_COLOURS = ListedColormap([to_rgba(ORANGE, 0.45)])
+"""Shade of weak places, as of the weak spots of `check`."""
+RANGE_STYLE: dict[str, Any] = {"color": "0.3", "linestyle": (0, (4, 3)), "linewidth": 1.4}
+"""Style of the lidar's range."""
+
+
+@dataclass(frozen=True)
+class BlindRegion:
+    """Where the lidar has too little to match, on the shortest path and near it."""
+
+    cells: Bools
+    """Cells of the map in the region."""
+    text: str
+    """Reason, for the legend."""
+    centre: tuple[float, float]
+    """Position on the shortest path, in the middle of its part in the region [m]."""
+    range: float
+    """The lidar's range [m]."""
+    is_range_short: bool
+    """True if the range is no longer than the shortest path, so that its circle is drawn whole."""
+
+    @property
+    def range_circle(self) -> Path:
+        """Circle of the lidar's range around the centre."""
+        turn = np.linspace(0, 2 * np.pi, 181)
+        circle = np.column_stack([np.cos(turn), np.sin(turn)])
+        return Path(np.array(self.centre) + self.range * circle)
+
+
+def _find_blind_region(recommendation: Recommendation) -> BlindRegion | None:
+    """Return where no wall is in range, otherwise where u is large; None if not on the path."""
+    costs, shortest, lidar = (
+        recommendation.costs,
+        recommendation.shortest,
+        recommendation.robot.lidar,
+    )
+    if costs is None or shortest is None or lidar is None:
+        return None
+    grid = costs.grid
+    points = shortest.path.resample(grid.resolution, even=True).xy
+    rows, cols = np.floor(grid.world_to_grid(*points.T)).astype(np.int64)
+    regions = {
+        f"no wall within the lidar's {lidar.range:g} m": grid.clearance > lidar.range,
+        f"too few features within the lidar's {lidar.range:g} m": costs.u >= WEAK_DEGENERACY,
+    }
+    for text, cells in regions.items():
+        inside = np.flatnonzero(cells[rows, cols])
+        if inside.size:
+            x, y = points[inside[inside.size // 2]].tolist()
+            is_short = lidar.range <= shortest.path.length
+            return BlindRegion(cells & grid.free, text, (x, y), lidar.range, is_short)
+    return None
+
+
+def _draw_blind_region(
+    axes: Axes, blind: BlindRegion, grid: OccupancyGrid, part: OccupancyGrid
+) -> list[Artist]:
+    """Shade the region, draw the lidar's range at its middle, and return their legend entries."""
+    top, left = np.round(grid.world_to_grid(*part.origin[:2])).astype(int).tolist()
+    cells = blind.cells[top : top + part.shape[0], left : left + part.shape[1]]
+    shade = downsample(np.where(cells, 1.0, np.nan), maximum=True)
+    draw_cells(axes, part, shade, cmap=WEAK_COLOURS, vmin=0, vmax=1)
+    handles: list[Artist] = [Patch(color=WEAK_COLOURS(0), label=blind.text)]
+    rows, cols = part.world_to_grid(*blind.range_circle.xy.T)
+    height, width = part.shape
+    if ((rows > 0) & (rows < height) & (cols > 0) & (cols < width)).any():
+        limits = axes.axis()
+        axes.plot(*blind.range_circle.xy.T, **RANGE_STYLE)
+        axes.axis(limits)
+        text = "the lidar's range at a place of the shortest path"
+        handles.append(Line2D([], [], label=text, **RANGE_STYLE))
+    return handles
 
 
 def _collect_marked_places(recommendation: Recommendation) -> list[Path]:
@@ -369,6 +485,13 @@ def _draw_errors(axes: Axes, recommendation: Recommendation) -> None:
         axes.fill_between(distance, low, high, color=colour, alpha=0.15, linewidth=0)
         axes.plot(distance, median, color=colour, linewidth=0.8 * LINE_WIDTHS[rank])
     axes.axhline(LOST_DISTANCE, color="0.6", linewidth=0.8, zorder=0)
+    text_style: dict[str, Any] = {
+        "ha": "right",
+        "va": "bottom",
+        "fontsize": "small",
+        "color": "0.4",
+    }
+    axes.text(0.997, LOST_DISTANCE, "lost", transform=axes.get_yaxis_transform(), **text_style)
     axes.set_yscale("log")
     axes.set_ylim(bottom=max(MIN_ERROR / 2, axes.get_ylim()[0]))
     label_with_plain_numbers(axes.yaxis, 4)

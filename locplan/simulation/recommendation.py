@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path as File
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from locplan._support.checks import short_repr
 from locplan._support.intervals import Interval, choose_digits
 from locplan._support.output import ResultFiles
 from locplan._support.records import Result, Table, TableColumn
@@ -68,18 +69,18 @@ NO_PATH = {
 }
 """Answers without a path, by the status of the recommendation."""
 UNTESTED = (
-    "Untested: take the {name} path ({length}). It has {u:.1f} degenerate metres, the shortest path"
+    "Untested: take {name} ({length}). It has {u:.1f} degenerate metres, the shortest path"
     " ({shortest}) has {shortest_u:.1f}."
 )
 UNTESTED_SHORTEST = "Untested: take the shortest path ({shortest})."
 
-TAKE_BETTER = "Take the {kind} ({length}): {change} than on the shortest path, {extra_length}."
+TAKE_BETTER = "Take {name} ({length}): {change} than on the shortest path, {extra_length}."
 TAKE_LESS_LOST = (
-    "Take the {kind} ({length}): the robot gets lost in {lost} of {n} drives, on the shortest path"
+    "Take {name} ({length}): the robot gets lost in {lost} of {n} drives, on the shortest path"
     " in {shortest_lost} of {n}. It is {extra_length}."
 )
 TAKE_UNDECIDED = (
-    "Take the {kind} ({length}), undecided after {n} drives: {change} than on the shortest path,"
+    "Take {name} ({length}), undecided after {n} drives: {change} than on the shortest path,"
     " {extra_length}."
 )
 KEEP_ALONE = "Take the shortest path ({shortest}). There is no other candidate."
@@ -87,31 +88,27 @@ KEEP_LEADER = (
     "Take the shortest path ({shortest}). No other candidate was better in up to {n} drives each."
 )
 KEEP_EQUAL = (
-    "Take the shortest path ({shortest}). The best other candidate ({length}) makes no difference:"
-    " {change}."
+    "Take the shortest path ({shortest}). Path {name} ({length}) makes no difference: {change}."
 )
-KEEP_BEST = (
-    "Take the shortest path ({shortest}). The best other candidate ({length}) is worse: {change}."
-)
+KEEP_BEST = "Take the shortest path ({shortest}). Path {name} ({length}) is worse: {change}."
 KEEP_SMALL_GAIN = (
-    "Take the shortest path ({shortest}). The best other candidate ({length}) gains too little:"
-    " {change}."
+    "Take the shortest path ({shortest}). Path {name} ({length}) gains too little: {change}."
 )
 KEEP_MORE_LOST = (
-    "Take the shortest path ({shortest}). The best other candidate ({length}) has {change}, but the"
+    "Take the shortest path ({shortest}). Path {name} ({length}) has {change}, but the"
     " robot gets lost more often."
 )
 KEEP_FEWER_REACH = (
-    "Take the shortest path ({shortest}). The best other candidate ({length}) has {change}, but the"
+    "Take the shortest path ({shortest}). Path {name} ({length}) has {change}, but the"
     " robot reaches the goal less often."
 )
 KEEP_UNDECIDED = (
-    "Take the shortest path ({shortest}). The best other candidate ({length}) is undecided after"
+    "Take the shortest path ({shortest}). Path {name} ({length}) is undecided after"
     " {n} drives: {change}."
 )
 KEEP_TIME_UP = (
-    "Take the shortest path ({shortest}). Time was up after {n} drives. The best other candidate"
-    " ({length}) is undecided: {change}."
+    "Take the shortest path ({shortest}). Time was up after {n} drives. Path {name} ({length}) is"
+    " undecided: {change}."
 )
 
 REACHED = "In closed loop, the robot reaches the goal in {count} of {n} drives."
@@ -132,7 +129,7 @@ TUNE_FIRST = (
     "Tune the filter first: with {settings}, the shortest path ({shortest}) has {change} than with"
     " the current settings."
 )
-TUNE_BEFORE_DETOUR = TUNE_FIRST + " That is also less error than on the {kind} without tuning."
+TUNE_BEFORE_DETOUR = TUNE_FIRST + " That is also less error than on path {name} without tuning."
 UNTUNED = "Without tuning, {answer}"
 TUNING_FAILS = (
     "Tuning alone does not help: with {settings}, the robot gets lost in {lost} of {n} drives on"
@@ -191,8 +188,7 @@ def format_answer(decision: PathDecision) -> str:
         return NO_PATH[decision.status].format(note=decision.note or "the planner gives no reason")
     judgement, recommended = decision.judgement, decision.recommended_candidate
     values: dict[str, object] = {
-        "name": leader.name,
-        "kind": _describe_candidate_kind(leader, shortest),
+        "name": short_repr(leader.name),
         "length": format_length(leader),
         "shortest": format_length(shortest),
         "extra_length": _format_extra_length(leader, shortest),
@@ -234,14 +230,6 @@ def _choose_verdict_template(decision: PathDecision) -> str:
         UNDECIDED: KEEP_TIME_UP if is_time_up and is_open else KEEP_UNDECIDED,
     }
     return templates[verdict]
-
-
-def _describe_candidate_kind(candidate: Candidate, shortest: Candidate) -> str:
-    """Return the noun for a candidate by its length; paths of users may be shorter."""
-    extra = candidate.path.length - shortest.path.length
-    if abs(extra) < 0.05:
-        return "other path"
-    return "detour" if extra > 0 else "shorter path"
 
 
 def _format_extra_length(candidate: Candidate, shortest: Candidate) -> str:
@@ -340,7 +328,7 @@ def format_tuning_advice(decision: PathDecision) -> str:
         TUNE_BEFORE_DETOUR if decision.best and decision.recommended_candidate else TUNE_FIRST
     )
     return template.format(
-        kind=_describe_candidate_kind(decision.recommended_candidate or shortest, shortest),
+        name=short_repr((decision.recommended_candidate or shortest).name),
         settings=format_tuned_settings(decision),
         shortest=format_length(shortest),
         change=format_error_change(verdict.ratio, decision.settings.minimise),
@@ -412,9 +400,19 @@ def list_answer_lines(decision: PathDecision) -> list[str]:
 
 INTERVAL_NOTE = f"[low, high]: 95 % interval; lost: {LOST_SHORT_TEXT} at some time"
 """Explains the columns of the drives."""
+LOOP_NOTE = (
+    "the robot follows the path exactly in these drives; in closed loop, the pose of its filter"
+    " steers it"
+)
+"""Explains how the drives of the table and those in closed loop differ."""
+NAME_NOTES = {
+    "detour": "detour: avoids the paths above it",
+    "aware": "aware: avoids places with few features in the lidar's range",
+}
+"""Explains names of candidates, by their beginning."""
 RACE_NOTE = (
-    f"~: eliminated after {ROUNDS[0]} or {ROUNDS[1]} drives; the error is estimated from the ratio"
-    " to the shortest path in the same drives"
+    f"~: eliminated after {ROUNDS[0]} or {ROUNDS[1]} drives, because of its error or its length;"
+    " the error is estimated from the ratio to the shortest path in the same drives"
 )
 """Explains the mark of errors that are scaled."""
 
@@ -462,7 +460,14 @@ def list_table_notes(decision: PathDecision) -> list[str]:
     starts = {
         candidate.driven.numbers.start for candidate in decision.candidates if candidate.driven
     }
-    notes = [INTERVAL_NOTE] if starts else []
+    notes = [INTERVAL_NOTE, LOOP_NOTE] if starts else []
+    names = [candidate.name for candidate in decision.candidates]
+    name_notes = [
+        note
+        for beginning, note in NAME_NOTES.items()
+        if any(name.startswith(beginning) for name in names)
+    ]
+    notes += ["; ".join(name_notes)] if starts and name_notes else []
     notes += [RACE_NOTE] if len(starts) > 1 else []
     if decision.rival is not None:
         notes.append(f"tuned: {format_tuned_settings(decision)}")
@@ -497,7 +502,7 @@ class Recommendation(Result, StoredResult):
         "choice",
         ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv"),
         purposes={
-            "chosen.csv": "the recommended path, for export --path",
+            "chosen.csv": "the recommended path, x and y in metres, for export --path",
             "choice.png": "the picture",
             "candidates.csv": "all candidates with length, degeneracy and error",
             "choice.json": "everything in numbers, for export --choice",
@@ -651,7 +656,7 @@ class Recommendation(Result, StoredResult):
         """Text on the shown drives and their robot."""
         if self.judgement is None:
             return ""
-        return f"Open-loop drives with {self.robot.title}; seed {self.seed}"
+        return f"Simulated drives with {self.robot.title}; seed {self.seed}"
 
     @property
     def config(self) -> FieldConfig:

@@ -42,8 +42,8 @@ from locplan.planning.plans import plan_with_shortest
 from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
 from locplan.robots.parts import Inflation
 from locplan.simulation import Arrivals, Simulator, drive_closed
-from locplan.simulation.arrivals import ClosedLoopDrive
-from locplan.simulation.figures import recommendation_figure
+from locplan.simulation.arrivals import LEAVES, ClosedLoopDrive
+from locplan.simulation.figures import MARK_LABELS, recommendation_figure
 from locplan.simulation.problem import MINIMISED, RecommendationSettings
 from locplan.simulation.race import compute_log_errors
 
@@ -219,7 +219,7 @@ def test_candidates_are_paths_plans_fronts_planners_and_arrays(grid, fielded):
 @pytest.mark.usefixtures("one_steered_drive")
 def test_a_users_paths_are_kept_whatever_their_names_and_lengths(grid, costs):
     long = Path([START, (1, 5), (11, 4.5), (1, 5), (11, 4.5), GOAL])
-    own = dict.fromkeys(("shortest", "way around 1", "aware and clear"), long)
+    own = dict.fromkeys(("shortest", "detour 2", "aware and clear"), long)
     found = recommend(grid, START, GOAL, costs=costs, candidates=own, **QUICK)
     assert names_of(found)[-3:] == [f"own {name}" for name in own]
 
@@ -250,8 +250,8 @@ def test_choose_races_requested_paths_of_any_length(grid, costs, fielded):
 
 
 PLANNED = {
-    *("shortest", "inflated", "clear of walls", "along walls", "a metre off walls", "detour"),
-    *("way around 1", "way around 2", "clear way around 1", "clear way around 2"),
+    *("shortest", "inflated", "clear of walls", "along walls", "a metre off walls"),
+    *("detour 1", "detour 2", "detour 3", "detour 4", "detour 5"),
     *("aware, weight 4", "aware, weight 8", "aware, weight 12", "aware and clear"),
 }
 
@@ -260,7 +260,7 @@ PLANNED = {
 @pytest.mark.parametrize(
     ("longest", "reason"),
     [
-        (1.5, r"(nearly the )?same path as '[a-z ]+'"),
+        (1.5, r"(nearly the )?same path as '[a-z0-9 ]+'"),
         pytest.param(
             1.0, r"\d+\.\d m, more than 1 times the shortest path", marks=pytest.mark.long
         ),
@@ -472,7 +472,7 @@ def test_a_path_that_is_clearly_better_is_taken(better):
     less = [f"{100 * (1 - end):.0f}" for end in chosen.ratio]
     change = f"{less[0]} % [{less[2]}, {less[1]}] less localization error"
     assert better.sentence == (
-        f"Take the detour ({better.path.length:.1f} m): {change} than on the shortest"
+        f"Take 'detour 1' ({better.path.length:.1f} m): {change} than on the shortest"
         f" path, {longer}."
     )
     assert (
@@ -482,7 +482,7 @@ def test_a_path_that_is_clearly_better_is_taken(better):
 
 LESS, MORE = (0.5, 0.4, 0.6), (1.5, 1.2, 1.8)
 KEPT = "Take the shortest path (27.9 m). "
-OTHER = KEPT + "The best other candidate (37.3 m) "
+OTHER = KEPT + "Path NAME (37.3 m) "
 
 
 def lengths_of(choice, *lengths):
@@ -518,27 +518,27 @@ def judged_as(
     [
         (
             *("better", LESS, {}),
-            "Take the detour (37.3 m): 50 % [40, 60] less localization error than on the shortest"
+            "Take NAME (37.3 m): 50 % [40, 60] less localization error than on the shortest"
             " path, 9.4 m longer.",
         ),
         (
             *("better", LESS, {"lengths": (27.9, 27.92), "minimise": "heading"}),
-            "Take the other path (27.9 m): 50 % [40, 60] less heading error than on the shortest"
+            "Take NAME (27.9 m): 50 % [40, 60] less heading error than on the shortest"
             " path, equally long.",
         ),
         (
             *("better", LESS, {"lengths": (27.9, 26.0), "minimise": "goal-error"}),
-            "Take the shorter path (26.0 m): 50 % [40, 60] less localization error at the goal than"
+            "Take NAME (26.0 m): 50 % [40, 60] less localization error at the goal than"
             " on the shortest path, 1.9 m shorter.",
         ),
         (
             *("better", (0.8, 0.5, 1.3), {}),
-            "Take the detour (37.3 m): the robot gets lost in 0 of 8 drives, on the shortest path"
+            "Take NAME (37.3 m): the robot gets lost in 0 of 8 drives, on the shortest path"
             " in 5 of 8. It is 9.4 m longer.",
         ),
         (
             *("undecided", LESS, {"bold": True}),
-            "Take the detour (37.3 m), undecided after 8 drives: 50 % [40, 60] less localization"
+            "Take NAME (37.3 m), undecided after 8 drives: 50 % [40, 60] less localization"
             " error than on the shortest path, 9.4 m longer.",
         ),
         (
@@ -547,7 +547,7 @@ def judged_as(
         ),
         (
             *("undecided", (0.9, 0.7, 1.2), {"time_limit": 1.0, "drives": 64}),
-            KEPT + "Time was up after 8 drives. The best other candidate (37.3 m) is undecided:"
+            KEPT + "Time was up after 8 drives. Path NAME (37.3 m) is undecided:"
             " 10 % [-20, 30] less localization error.",
         ),
         (
@@ -584,7 +584,7 @@ def test_choice_sentence_follows_verdict(better, verdict, ratio, more, sentence)
     candidates = (dataclasses.replace(shortest, driven=driven), *others)
     better = dataclasses.replace(better, candidates=candidates)
     choice = judged_as(better, verdict, ratio, **more)
-    assert choice.sentence == sentence
+    assert choice.sentence == sentence.replace("NAME", repr(choice.leader.name))
     assert choice.best == (not sentence.startswith(KEPT))
     assert choice.is_undecided == ("undecided" in sentence and not choice.best)
 
@@ -707,9 +707,9 @@ def test_choice_tunes_first_if_that_gains_more(better, gain, lost, is_first):
     settings = dataclasses.replace(better.settings, rival=RecommendationSettings().rival)
     choice = dataclasses.replace(better, settings=settings, rival=rival)
     assert choice.is_tuning_first == is_first
-    assert choice.answer[0].startswith("Tune the filter first" if is_first else "Take the detour")
+    assert choice.answer[0].startswith("Tune the filter first" if is_first else "Take 'detour 1'")
     assert ("safe settings (update_min_d 0.1, update_min_a 0.1)" in choice.answer[0]) == is_first
-    assert ("That is also less error than on the detour" in choice.answer[0]) == is_first
+    assert ("That is also less error than on path 'detour 1'" in choice.answer[0]) == is_first
     assert "shortest, tuned" in choice.report()
 
 
@@ -755,7 +755,7 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert found.path is found.candidates[1].path
     assert found.candidates[1].metrics.integrated_u < found.shortest.metrics.integrated_u
     assert found.verdict == ""
-    assert found.sentence.startswith("Untested: take the localizability-aware path (")
+    assert found.sentence.startswith("Untested: take 'localizability-aware' (")
     assert "--lidar" in found.answer[1]
     labels = [each.get_text() for each in found.figure().legends[0].get_texts()]
     assert sum(each.startswith("untested: localizability-aware") for each in labels) == 1
@@ -1186,7 +1186,7 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
 def test_choice_names_fewer_robots_that_reach_goal(better):
     assert better.best
     fewer = with_arrivals(better, 16, 14).answer
-    assert fewer[0].startswith("Take the detour")
+    assert fewer[0].startswith("Take 'detour 1'")
     assert fewer[1] == (
         "But in closed loop, fewer drives reach the goal: 14 of 16, on the shortest path 16 of 16."
     )
@@ -1261,10 +1261,28 @@ def test_a_thorough_choice_steers_more_drives(corridors):
     assert [len(e.arrivals.drives) for e in thorough.candidates if e.arrivals] == [40, 40]
 
 
+def test_figure_shades_places_without_features(better):
+    """The shade and the lidar's range show why the shortest path fails; a long range shows not."""
+
+    def count_reasons(choice):
+        texts = [each.get_text() for each in choice.figure().legends[0].get_texts()]
+        return [
+            sum(text.startswith(beginning) for text in texts)
+            for beginning in ("too few features within", "no wall within", "the lidar's range")
+        ]
+
+    degenerate = dataclasses.replace(better.costs, u=np.ones(better.costs.grid.shape))
+    better = dataclasses.replace(better, costs=degenerate)
+    for reach, reasons in ((6.0, [1, 0, 1]), (200.0, [1, 0, 0]), (0.8, [0, 1, 1])):
+        choice = dataclasses.replace(better, robot=Robot(Lidar(range=reach)))
+        assert count_reasons(choice) == reasons
+
+
 def test_the_picture_marks_where_robots_go_wrong(better):
     for choice in (better, with_arrivals(better, 14, 16), with_arrivals(better, 16, 16)):
         every = [each.arrivals for each in choice.candidates if each.arrivals]
-        kinds = {f"a robot {row[1]}" for each in every for row in each.places().rows}
+        rows = [row for each in every for row in each.places().rows]
+        kinds = {MARK_LABELS[row[1]] for row in rows if row[1] != LEAVES}
         texts = [each.get_text() for each in choice.figure().legends[0].get_texts()]
         assert {each for each in texts if each.startswith("a robot")} == kinds
         marked = {
