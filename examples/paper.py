@@ -25,7 +25,7 @@ from matplotlib.patches import Rectangle, Wedge
 
 import locplan
 from locplan import CovarianceField
-from locplan._support.drawing import BLUE, ERROR_COLOURS, MAP_COLOURS, NotebookFigure, save_figure
+from locplan._support.drawing import BLUE, FIELD_COLOURS, MAP_COLOURS, NotebookFigure, save_figure
 from locplan.field import OffsetLattice, Sad, position_axes, sample_covariances, scalar
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.maps.figures import compute_figure_size, downsample, draw_cells, draw_map
@@ -320,11 +320,11 @@ def e_figure(fields: Mapping[str, CovarianceField]) -> Figure:
     for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
         draw_map(axes, field.grid)  # sets the axes; the values cover the map
         shown = downsample(np.nan_to_num(e), maximum=True)
-        image = draw_cells(axes, field.grid, shown, cmap=ERROR_COLOURS, norm=norm)
-        cells = downsample(field.grid.cells)  # half white over e = 0 shows walls
+        image = draw_cells(axes, field.grid, shown, cmap=FIELD_COLOURS, norm=norm)
+        cells = downsample(field.grid.cells)  # half black over e = 0 shows walls
         walls = np.where(cells == OCCUPIED, 150, 0).astype(np.uint8)
-        white = np.full((*walls.shape, 3), 255, np.uint8)
-        draw_cells(axes, field.grid, np.dstack([white, walls]))
+        black = np.zeros((*walls.shape, 3), np.uint8)
+        draw_cells(axes, field.grid, np.dstack([black, walls]))
         axes.set_title(title, fontsize="medium")
     figure.colorbar(image, ax=grid_of_axes, label="e [m² rad]", extend="max", shrink=0.8)
     return figure
