@@ -39,7 +39,10 @@ class Ompl:
 
     In spaces with headings the outline of the costmap's robot also keeps clear of walls.
     RRT, RRTConnect, KPIECE1, BKPIECE1 and LBKPIECE1 do not look at costs and stop at the first
-    path; all remaining planners seek the least J.
+    path; all remaining planners seek the least J. FMT and BFMT do not revise early decisions, so
+    they may miss the best path where the cost changes abruptly. Along curves a search is about ten
+    times slower than in "R2": give it more time, or try PRMstar. OMPL's messages go to Python's
+    logger ``locplan.ompl``.
     """
 
     name: str
