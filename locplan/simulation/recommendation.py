@@ -430,9 +430,7 @@ def format_candidate_table(decision: PathDecision) -> str:
     if decision.rival is not None:
         at = 1 + ordered.index(shortest)
         rows.insert(at, (f"{shortest.name}, tuned", shortest, decision.rival))
-    has_off = any(
-        statistics is not None and statistics.off_at_end.any() for _, _, statistics in rows
-    )
+    has_off = _is_any_off_at_end(decision)
     is_angle = decision.settings.minimise == "heading"
     error_titles = {"heading": "heading error [deg]", "goal-error": "error at the goal [m]"}
     heads = ["  path", "length", error_titles.get(decision.settings.minimise, "error [m]"), "lost"]
@@ -455,12 +453,20 @@ def format_candidate_table(decision: PathDecision) -> str:
     return format_aligned_table(heads, texts)
 
 
+def _is_any_off_at_end(decision: PathDecision) -> bool:
+    """True if the estimate was off at the end of any drive, so that the table has the column."""
+    driven = [*(candidate.driven for candidate in decision.candidates), decision.rival]
+    return any(statistics is not None and statistics.off_at_end.any() for statistics in driven)
+
+
 def list_table_notes(decision: PathDecision) -> list[str]:
     """Return the legend of the table's marks."""
     starts = {
         candidate.driven.numbers.start for candidate in decision.candidates if candidate.driven
     }
     notes = [INTERVAL_NOTE, LOOP_NOTE] if starts else []
+    if _is_any_off_at_end(decision):
+        notes[:1] = [f"{INTERVAL_NOTE}; off at the end: still so when the drive ends"]
     names = [candidate.name for candidate in decision.candidates]
     name_notes = [
         note
