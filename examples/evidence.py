@@ -1,492 +1,860 @@
-"""What do paths change for a robot that gets lost? On any maps; examples/places.py has the fields.
+"""Compute the claims of README and guides, with 95 % intervals, from measured rows.
 
-Routes: on each map some random queries, of 10 m or more and with a shortest path of at most 40 m,
-are chosen for as `locplan plan` does, seed 1. The shortest, the inflated, the leading and the
-chosen path are then driven 64 times by `simulate` with seed 1001: in other worlds, which no
-choice has seen. A pursuit follower steers 40 more drives of each by the filter's pose.
+Run: python examples/evidence.py [FOLDER]
 
-Whether `plan` and `simulate` agree: for the shortest path and for the one that led the race, the
-error of a typical drive and the share of lost drives; and the ratio of both paths' errors. Each
-is a value with a 95 % interval on both sides. Two agree if they differ by no more than the
-interval of their difference, whose half is the root of the sum of the squares of the halves that
-face each other. So 95 % of the comparisons of two right procedures agree; comparisons are
-counted, not queries, of which each has two or five.
+Reads the rows in examples/evidence/, one CSV file for each kind of measurement. Writes claims.csv,
+one row for each claim, and the tables of examples/guides/evidence.md. With FOLDER, both files are
+written there instead. Takes seconds.
 
-Run: python examples/evidence.py [FOLDER [MAP.yaml ...]]
-
-What do settings change for a robot with a fault? The baseline (Nav2's defaults), the safe and the
-precise preset drive at each level of disturbance: 16 simulated drives on two routes of each of
-three maps, and 12 replays of each recording. Three seeds put the faults into the odometry of the
-recordings. The kinked map is a recording's own. RECORDINGS is a folder with the logs and maps of
-`SOUND` and `KINKED`. Without it, the figure shows simulated drives alone. Takes minutes. Finished
-cases stay in levels.json, so that an interrupted run resumes; delete it to measure again.
-
-Run: python examples/evidence.py levels [FOLDER [RECORDINGS]]
+These programs measure the rows again: lasers.py, routes.py, levels.py and places.py. Rows of other
+files come from the command in the claim. Each row names the version that it was measured with.
 """
 
 from __future__ import annotations
 
-import json
+import csv
+import itertools
+import math
+import re
+import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from scipy.stats import spearmanr
+from scipy.stats import fisher_exact
 
 import locplan
-from locplan._support import drawing as style
-from locplan._support.drawing import NotebookFigure, save_figure
-from locplan._support.intervals import Interval, compute_wilson_interval, estimate_mean
-from locplan.field.config import SHORT_LIDAR
-from locplan.planning import describe_map, random_queries
-from locplan.recordings import Recording, read_recording, replay
-from locplan.robots import PRECISE, SAFE, Amcl, Robot, with_preset
-from locplan.simulation import (
-    LEVELS,
-    NO_FAULT,
-    Arrivals,
-    ClosedLoopSettings,
-    Drives,
-    Level,
-    Simulator,
-    drive_open,
-    simulate,
-)
-from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TURNS
+from locplan._support.intervals import Interval, compute_wilson_interval, format_metres
 
-OWN = Path(__file__).resolve().parent.parent / "maps"
-PRODUCT = {"laser_model_type": "likelihood_field_prob"}
-CALM = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.05)
-ROUTE_FILTERS = {
-    "Nav2's defaults": Amcl(),
-    "alphas 0.05": Amcl(**CALM),
-    "alphas 0.05, beams multiplied": Amcl(**CALM, **PRODUCT),
-}
-"""The filters that drive with a lidar of 6 m; tuned ones beside Nav2's."""
-MIN_DISTANCE, LONGEST_DISTANCE = 10.0, 40.0
-"""Least distance from start to goal, and greatest length of the shortest path [m]."""
-CLOSED = 40
-"""Number of closed-loop drives of each path."""
-SHORTEST, INFLATED, LEADER, CHOSEN = "shortest", "inflated", "winner of the race", "chosen"
-SETTINGS = {"baseline": Amcl()} | {name: with_preset(Amcl(), name) for name in (SAFE, PRECISE)}
-"""The settings that drive at the levels of disturbance."""
-SHOWN_LEVELS = (NO_FAULT, TURNS, SLIP, KINKED_MAP, STANDSTILL, REVERSAL)
-"""The levels from left to right in the figure: those that lose few robots come first."""
-LEVEL_MAPS = ("two_corridors", "office", "warehouse")
-SOUND = ("intel", "aces", "csail", "wean2", "mines2")
-"""Recordings whose odometry and map are sound."""
-KINKED = "killian_3"
-"""Recording whose map has kinks."""
-SOUND_LEVELS = (NO_FAULT, SLIP, STANDSTILL, REVERSAL)
-"""Levels of recordings whose odometry and map are sound."""
-FAULT_SEEDS = (1, 2, 3)
-"""Seeds of the places where odometry of a recording misses motion; each has a third of the runs."""
-REVERSE = 2.0
-"""Distance that a route leads back at the level of reversals, and the least that a recording must
-lead back to count there [m]."""
+ROWS = Path(__file__).resolve().with_name("evidence")
+"""Folder of the measured rows, and of the claims."""
+PAGE = ROWS.parent / "guides" / "evidence.md"
+DIGITS = 4
+"""Significant digits of numbers in the files."""
+TABLE = re.compile(r"(<!-- table: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
+Rows = Sequence[Mapping[str, Any]]
+"""Rows of a file: texts by the names of the columns."""
 
 
-def main(
-    folder: str = "evidence",
-    maps: Sequence[str] = (),
-    drives: int = 64,
-    queries: int = 2,
-) -> None:
-    target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
-    grids = [locplan.load_map(file) for file in maps or sorted(OWN.glob("*.yaml"))]
-    driven = [
-        each
-        for name, amcl in ROUTE_FILTERS.items()
-        for grid in grids
-        for each in routes_of(grid, name, Robot(SHORT_LIDAR, filter=amcl), drives, queries)
-    ]
-    text = [routes_table(driven), maps_table(driven), ranks_table(driven)]
-    print("\n\n".join(text), flush=True)
-    (target / "evidence.md").write_text("\n\n".join(text) + "\n", encoding="utf-8")
-    print(f"wrote {target / 'evidence.md'}")
+def main(folder: str | None = None) -> None:
+    """Compute the claims, and write them and the page's tables."""
+    claims = [claim for section in SECTIONS for claim in section()]
+    page = TABLE.sub(lambda found: fill_table(found, claims), PAGE.read_text(encoding="utf-8"))
+    target, page_target = ROWS, PAGE
+    if folder is not None:
+        target = Path(folder)
+        page_target = target / PAGE.name
+    write_rows(target / "claims.csv", [asdict(claim) for claim in claims])
+    page_target.write_text(page, encoding="utf-8")
+    print(f"wrote {len(claims)} claims to {target / 'claims.csv'}, and {page_target}")
 
 
-# Routes: what the recommended path changes.
+# Rows, and statistics of them.
+
+
+def read_rows(name: str, folder: Path = ROWS, **conditions: object) -> list[dict[str, Any]]:
+    """Read the rows of a file that have some values; numbers are numbers."""
+    file = folder / f"{name}.csv"
+    if not file.exists():
+        return []
+    with file.open(encoding="utf-8", newline="") as opened:
+        rows = [
+            {key: read_number(text) for key, text in row.items()} for row in csv.DictReader(opened)
+        ]
+    return select(rows, **conditions)
+
+
+def read_number(text: str) -> float | str:
+    """Return the number that a text is, or the text."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def select(rows: Iterable[dict[str, Any]], **conditions: object) -> list[dict[str, Any]]:
+    """Return the rows that have some values."""
+    return [row for row in rows if all(row[key] == value for key, value in conditions.items())]
+
+
+def write_rows(file: Path, rows: Rows) -> Path:
+    """Write rows with the columns of the first one, numbers with `DIGITS` digits."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("w", encoding="utf-8", newline="") as opened:
+        writer = csv.DictWriter(opened, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({key: format_number(value) for key, value in row.items()} for row in rows)
+    return file
+
+
+def format_number(value: object) -> object:
+    """Return a value as a file has it: NaN is an empty text."""
+    if isinstance(value, bool | np.bool_):
+        return int(value)
+    if not isinstance(value, float):
+        return value
+    if math.isnan(value):
+        return ""
+    rounded = float(f"{value:.{DIGITS}g}") + 0.0  # no -0
+    return int(rounded) if rounded == int(rounded) else rounded
+
+
+def find_version() -> str:
+    """Return the version of locplan with the commit of this folder, if there is one."""
+    command = ["git", "rev-parse", "--short=8", "HEAD"]
+    done = subprocess.run(command, cwd=ROWS.parent, capture_output=True, text=True, check=False)
+    return f"{locplan.__version__} {done.stdout.strip()}".strip()
+
+
+def interval_of(row: Mapping[str, Any], value: str, low: str = "", high: str = "") -> Interval:
+    """Return the interval in three columns of a row, by default NAME, NAME_low and NAME_high."""
+    columns = value, low or f"{value}_low", high or f"{value}_high"
+    return Interval(*(row[key] if row[key] != "" else math.nan for key in columns))
+
+
+def estimate_over_groups(
+    groups: Sequence[np.ndarray | Sequence[float]], resamples: int = 1000
+) -> Interval:
+    """Return the mean of all values with its 95 % interval: groups, then their values, redrawn."""
+    random = np.random.default_rng(0)
+    values = [np.asarray(group, float) for group in groups]
+    means = []
+    for _ in range(resamples):
+        drawn = [values[n] for n in random.integers(0, len(values), len(values))]
+        means.append(np.concatenate([random.choice(each, len(each)) for each in drawn]).mean())
+    low, high = np.quantile(means, (0.025, 0.975)).tolist()
+    return Interval(float(np.concatenate(values).mean()), low, high)
+
+
+def estimate_over_maps(rows: Rows, column: str | Callable[[Mapping[str, Any]], float]) -> Interval:
+    """Return the mean of a column over queries, with its interval over maps and queries."""
+    read = column if callable(column) else lambda row: row[column]
+    maps = dict.fromkeys(row["map"] for row in rows)
+    return estimate_over_groups([[read(r) for r in rows if r["map"] == name] for name in maps])
+
+
+def estimate_middle(values: Sequence[float]) -> Interval:
+    """Return the median with its 95 % bootstrap interval."""
+    random = np.random.default_rng(0)
+    drawn = np.median(random.choice(np.array(values), (4000, len(values))), axis=1)
+    return Interval(float(np.median(values)), *np.quantile(drawn, (0.025, 0.975)).tolist())
+
+
+def estimate_geometric(values: Sequence[float]) -> Interval:
+    """Return the geometric mean with its 95 % bootstrap interval."""
+    random, logs = np.random.default_rng(0), np.log(values)
+    drawn = random.choice(logs, (4000, len(logs))).mean(axis=1)
+    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    return exp(Interval(float(logs.mean()), low, high))
+
+
+def exp(interval: Interval) -> Interval:
+    """Return the ratio of which this is the logarithm."""
+    return Interval(*np.exp(interval).tolist())
+
+
+# Claims.
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A choice, and fresh drives of its paths, in other worlds than those that decided."""
+class Claim:
+    """A number that README or a guide may quote."""
 
-    map: str
-    filter: str
-    choice: locplan.Recommendation
-    seconds: float
-    """Time of the choice beside the field [s]."""
-    log_error: Mapping[str, np.ndarray]
-    """Logarithm of the RMSE of each fresh drive of the paths [ln m]."""
-    lost: Mapping[str, np.ndarray]
-    """True for each fresh drive that was lost."""
-    off_at_end: Mapping[str, np.ndarray]
-    """True for each fresh drive that was off at the end."""
-    arrivals: Mapping[str, Arrivals]
-    """Fresh closed-loop drives of the paths."""
+    key: str
+    claim: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    """Nothing, "%", "m", "s", or "of N" for a count."""
+    n: int
+    """Number of the cases in `data`."""
+    data: str
+    command: str
+    version: str
 
-    def path_of(self, what: str) -> str:
-        """Name of the path that is chosen, led the race, or has this name."""
-        names = [each.name for each in self.choice.candidates]
-        best = {CHOSEN: self.choice.best, LEADER: self.choice.judgement.leader}
-        if what in best:
-            return names[best[what]]
-        return what if what in names else SHORTEST  # an inflated path may be the shortest
+    @property
+    def figure(self) -> str:
+        """The number with its unit and its interval, as in `0.80 [0.71, 0.89]`."""
+        bounds = [] if math.isnan(self.low) else [self.low, self.high]
+        if self.unit.startswith("of "):
+            bounds = [100 * bound / float(self.unit[3:]) for bound in bounds]
+            text = f"{self.value:g} {self.unit}"
+            return text + (f" [{bounds[0]:.0f}, {bounds[1]:.0f} %]" if bounds else "")
+        digits = choose_digits(self.value, self.unit)
+        number = f"{self.value:.{digits}f}"
+        text = f"{number} {self.unit}".strip()
+        if not bounds:
+            return text
+        return f"{text} [{bounds[0]:.{digits}f}, {bounds[1]:.{digits}f}]"
 
-    def ratio(self, what: str, beside: str = SHORTEST) -> Interval:
-        """Logarithm of the ratio of both paths' errors, with its interval over the drives."""
-        apart = self.log_error[self.path_of(what)] - self.log_error[self.path_of(beside)]
-        half = 2.0 * float(apart.std(ddof=1)) / len(apart) ** 0.5
-        return Interval(float(apart.mean()), float(apart.mean()) - half, float(apart.mean()) + half)
+
+def choose_digits(value: float, unit: str) -> int:
+    """Return the number of decimals of a figure."""
+    if unit == "%":
+        return 1 if 0 < abs(value) < 2 else 0
+    if value == int(value) and not unit:
+        return 0
+    if unit == "s":
+        return 0 if value >= 10 else 1
+    return 3 if unit == "m" and abs(value) < 0.1 else 2
+
+
+@dataclass(frozen=True)
+class Source:
+    """Data, command and version that some claims share."""
+
+    data: str
+    command: str
+    version: str
+
+    def claim(self, key: str, text: str, interval: Interval, unit: str = "", n: float = 1) -> Claim:
+        """Return a claim; shares are given in per cent."""
+        value, low, high = (100 * each if unit == "%" else each for each in interval)
+        return Claim(
+            key, text, value, low, high, unit, int(n), self.data, self.command, self.version
+        )
+
+    def count(self, key: str, text: str, number: float, total: float) -> Claim:
+        """Return a claim of a count, with Wilson's interval."""
+        interval = compute_wilson_interval(number / total, int(total))
+        scaled = Interval(number, interval.low * total, interval.high * total)
+        return self.claim(key, text, scaled, f"of {total:.0f}", total)
+
+
+def fixed(value: float) -> Interval:
+    """Return a value without an interval."""
+    return Interval(value, math.nan, math.nan)
+
+
+# Real lasers.
+
+LASERS = {
+    "fused": "`fused`",
+    "scan": "`scan`",
+    "fisher": "`fisher`",
+    "sad": "`sad` (the paper's e)",
+    "perturbation loss": "perturbation loss, after LF-3PM",
+    "degeneracy factor": "degeneracy factor",
+    "X-ICP": "contributions, after X-ICP",
+    "GFM": "geometric feature metric (GFM)",
+    "clearance": "distance to the nearest wall",
+}
+"""Texts of the estimators and of the published measures."""
+NEAR = "within a factor of 1.5 above 0.2 m"
+CHOSEN = "six logs of lasers, on which constants were chosen"
+
+
+def read_lasers() -> list[dict[str, Any]]:
+    """Read all rows of lasers; those of lasers.py get the same columns as the others."""
+    common = {"data": CHOSEN, "command": "python examples/lasers.py DATA examples/evidence"}
+    return [{**common, **row} for row in read_rows("lasers")] + read_rows("lasers_other")
+
+
+def claim_lasers() -> Iterator[Claim]:
+    """Claims on ranks, directions and metres of real lasers."""
+    quantities = {
+        "rank": "Rank correlation of {} with the deviation measured by real lasers",
+        "rank of heading": "Rank correlation of {} with the measured deviation of the heading",
+        "ratio": "Predicted over measured deviation of {}",
+        "direction": "Ellipses of {} whose direction is within 15 degrees",
+        NEAR: "Deviations of {} that are right within a factor of 1.5, above 0.2 m",
+    }
+    names = {"rank of heading": "heading", NEAR: "metres"}
+    for row in read_lasers():
+        if row["quantity"] not in quantities or row["log"] not in ("pooled", "within"):
+            continue
+        group = row["estimator"].lower().replace(" ", "_").replace("-", "_")
+        if "apart" in row["data"]:
+            group = f"apart.{group}"
+        quantity = names.get(row["quantity"], row["quantity"])
+        parts = {"rank": [row["log"]], "heading": ["heading", row["log"]]}
+        key = ".".join(["lasers", group, *parts.get(quantity, [quantity])])
+        text = quantities[row["quantity"]].format(LASERS[row["estimator"]])
+        if quantity in parts:
+            text += ", mean within a log" if row["log"] == "within" else ", all logs together"
+        source = Source(row["data"], row["command"], row["version"])
+        unit = "%" if quantity in ("direction", "metres") else ""
+        interval = interval_of(row, "value", "low", "high")
+        yield source.claim(key, text, interval, unit, row["n"] or 0)
+
+
+def tabulate_lasers() -> str:
+    """Tabulate the ranks of all estimators and measures."""
+    rows = read_lasers()
+    lines = []
+    for name, text in LASERS.items():
+        cells = [text]
+        for data, log in itertools.product(("six", "seven"), ("pooled", "within")):
+            ranks = select(rows, estimator=name, quantity="rank", log=log)
+            ranks = [row for row in ranks if row["data"].startswith(data)]
+            rank = interval_of(ranks[0], "value", "low", "high") if ranks else None
+            cells.append(format_interval(rank) if rank else "")
+        lines.append(cells)
+    heads = ("", "six logs, pooled", "within a log", "seven kept apart, pooled", "within a log")
+    return markdown(heads, lines)
+
+
+def tabulate_metres() -> str:
+    """Tabulate the predicted over the measured deviation by the measured one."""
+    rows = read_rows("lasers")
+    quantities = [q for q in dict.fromkeys(r["quantity"] for r in rows) if q.startswith("ratio,")]
+    lines = []
+    for name in ("sad", "fisher", "scan", "fused"):
+        own = {row["quantity"]: row for row in select(rows, estimator=name, log="pooled")}
+        cells = [LASERS[name].split(" (")[0]]
+        cells += [f"{own[quantity]['value']:.2f}" for quantity in quantities]
+        for quantity in (NEAR, "direction"):
+            share = interval_of(own[quantity], "value", "low", "high")
+            cells.append(format_share(share))
+        lines.append(cells)
+    heads = [f"{q.removeprefix('ratio, ').replace(' to ', '-')}" for q in quantities]
+    return markdown(["measured", *heads, "right above 0.2 m", "direction right"], lines)
+
+
+# Paths.
+
+FILTERS = {
+    "defaults": "Nav2's defaults",
+    "alphas 0.05": "alphas 0.05",
+    "precise": "precise settings",
+}
+"""Names of the filters in routes.csv, and their texts."""
+FILTER_KEYS = {"defaults": "default", "alphas 0.05": "calm", "precise": "precise"}
+SIMULATED = "simulated drives on {} real maps"
+PATHS = "shortest", "inflated", "recommended"
+ROUTES_COMMAND = "python examples/routes.py examples/evidence MAP.yaml ..."
+
+
+@dataclass(frozen=True)
+class Query:
+    """The rows of one query in routes.csv."""
+
+    shortest: dict[str, Any]
+    inflated: dict[str, Any]
+    leader: dict[str, Any]
+    recommended: dict[str, Any]
+
+    @property
+    def is_moved(self) -> bool:
+        """True if another path than the shortest is recommended."""
+        return self.recommended is not self.shortest
+
+    @property
+    def has_leader(self) -> bool:
+        """True if another path than the shortest led the race."""
+        return self.leader is not self.shortest
 
     def agreements(self) -> Iterator[bool]:
-        """Whether what the choice shows is what the fresh drives show, within their intervals."""
-        for what in dict.fromkeys((SHORTEST, self.path_of(LEADER))):
-            shown = next(each for each in self.choice.candidates if each.name == what).driven
-            log_error, lost = self.log_error[what], self.lost[what]
-            again = estimate_mean(log_error)
-            yield within(Interval(*np.log(shown.error)), again)
-            yield within(shown.lost_rate, compute_wilson_interval(float(lost.mean()), len(lost)))
-        if self.choice.judgement.leader:
-            yield within(Interval(*np.log(self.choice.judgement.ratio)), self.ratio(LEADER))
+        """True for each figure that `plan` shows and fresh drives confirm, within intervals."""
+        for row in [self.shortest, self.leader] if self.has_leader else [self.shortest]:
+            yield agree(log(interval_of(row, "shown_error")), log(interval_of(row, "error")))
+            lost = compute_wilson_interval(row["lost"] / row["drives"], int(row["drives"]))
+            yield agree(interval_of(row, "shown_lost"), lost)
+        if self.has_leader:
+            shown = interval_of(self.leader, "shown_ratio")
+            yield agree(log(shown), log(interval_of(self.leader, "ratio")))
 
 
-def within(one: Interval, other: Interval) -> bool:
-    """Whether two independent values differ by no more than the interval of their difference."""
+def agree(one: Interval, other: Interval) -> bool:
+    """True if two independent values differ by no more than the interval of their difference."""
     first, second = (one, other) if one.value < other.value else (other, one)
-    apart = np.hypot(first.high - first.value, second.value - second.low)
-    return bool(second.value - first.value <= apart + 1e-12)
+    half = np.hypot(first.high - first.value, second.value - second.low)
+    return bool(second.value - first.value <= half + 1e-3)
 
 
-def routes_of(
-    grid: locplan.OccupancyGrid, name: str, robot: Robot, drives: int, count: int
-) -> Iterator[Judged]:
-    """Choose a path for some random queries, and drive the paths that count afresh."""
-    blank = locplan.Costmap.blank(grid, robot=robot)
-    try:
-        queries = random_queries(blank, 4 * count, 2, min_distance=MIN_DISTANCE)
-    except locplan.LocplanError:  # the map is too small
-        return
-    for query in queries:
-        ends = query.start[:2], query.goal[:2]
-        shortest = locplan.plan(blank, *ends).path
-        if shortest is None or shortest.length > LONGEST_DISTANCE or not count:
-            continue
-        count -= 1
-        yield judged(grid, name, robot, ends, drives)
+def log(interval: Interval) -> Interval:
+    """Return the logarithm of a ratio."""
+    return Interval(*np.log(interval).tolist())
 
 
-def judged(
-    grid: locplan.OccupancyGrid, name: str, robot: Robot, ends: tuple, drives: int
-) -> Judged:
-    """Choose a path for a query, and drive it, the shortest and the inflated one afresh."""
-    in_fields = 0.0
+def group_queries(name: str) -> list[Query]:
+    """Return the queries that were driven with a filter."""
+    groups: dict[object, list[dict[str, Any]]] = {}
+    for row in read_rows("routes", filter=name):
+        groups.setdefault((row["map"], row["query"]), []).append(row)
+    queries = []
+    for rows in groups.values():
+        flags = ("is_inflated", "is_leader", "is_recommended")
+        inflated, leader, recommended = (next(r for r in rows if r[flag]) for flag in flags)
+        shortest = next(r for r in rows if r["path"] == "shortest")
+        queries.append(Query(shortest, inflated, leader, recommended))
+    return queries
 
-    def compute(of: locplan.OccupancyGrid, points: np.ndarray | None = None) -> object:
-        nonlocal in_fields
-        began = time.perf_counter()
-        field = locplan.load_or_compute(of, locplan.Fused(robot.lidar), points=points)
-        in_fields += time.perf_counter() - began
-        return field
 
-    began = time.perf_counter()
-    choice = locplan.recommend_path(grid, *ends, robot, compute=compute)
-    seconds = time.perf_counter() - began - in_fields
-    wanted = {SHORTEST, INFLATED, choice.candidates[choice.judgement.leader].name}
-    paths = {each.name: each.path for each in choice.candidates if each.name in wanted}
-    closed = ClosedLoopSettings(drives=CLOSED)
-    simulated = simulate(grid, paths, robot, drives=drives, closed=closed, seed=1001)
-    found = simulated.drives
-    return Judged(
-        grid.name,
-        name,
-        choice,
-        seconds,
-        {path: np.log(each.mean_squares) / 2 for path, each in found.items()},
-        {path: each.lost for path, each in found.items()},
-        {path: each.off_at_end for path, each in found.items()},
-        simulated.arrivals,
+def estimate_over_queries(queries: Sequence[Query], read: Callable[[Query], float]) -> Interval:
+    """Return the mean over queries with its interval over maps and queries."""
+    maps = dict.fromkeys(query.shortest["map"] for query in queries)
+    return estimate_over_groups(
+        [[read(q) for q in queries if q.shortest["map"] == name] for name in maps]
     )
 
 
-def routes_table(driven: Sequence[Judged]) -> str:
-    """What the chosen path changes against the shortest and the inflated one, for each filter."""
-    rows = []
-    for name in dict.fromkeys(each.filter for each in driven):
-        own = [each for each in driven if each.filter == name]
-        maps = [each.map for each in own]
-        over = [[each.ratio(CHOSEN, other) for each in own] for other in (SHORTEST, INFLATED)]
-        moved = sum(each.choice.best > 0 for each in own)
-        better, worse = sum(r.high < 0 for r in over[0]), sum(r.low > 0 for r in over[0])
-        worst = [float(np.exp(each.ratio(CHOSEN).value)) for each in own if each.choice.best]
-        what = SHORTEST, INFLATED, CHOSEN
-        lost = [np.mean([each.lost[each.path_of(w)].mean() for each in own]) for w in what]
-        off = [np.mean([each.off_at_end[each.path_of(w)].mean() for each in own]) for w in what]
-        arrive = [[each.arrivals[each.path_of(w)].arrival_rate.value for each in own] for w in what]
-        gain = over_queries([100 * (c - s) for s, _, c in zip(*arrive, strict=True)], maps)
-        confirmed = [each.choice.judgement for each in own if each.choice.judgement.leader]
-        undecided = sum(each.verdict == "undecided" for each in confirmed)
-        agree = [each for route in own for each in route.agreements()]
-        rows.append(
+def estimate_ratio(queries: Sequence[Query], column: str) -> Interval:
+    """Return the geometric mean of a ratio of the recommended paths."""
+    return exp(estimate_over_queries(queries, lambda q: math.log(q.recommended[column])))
+
+
+def estimate_rate(queries: Sequence[Query], path: str, count: str, drives: str) -> Interval:
+    """Return the mean of a rate of the shortest, inflated or recommended paths."""
+    return estimate_over_queries(
+        queries, lambda q: getattr(q, path)[count] / getattr(q, path)[drives]
+    )
+
+
+def count_changes(queries: Sequence[Query]) -> tuple[int, int]:
+    """Count queries whose recommended path is significantly better, and worse."""
+    ratios = [interval_of(query.recommended, "ratio") for query in queries]
+    return sum(ratio.high < 1 for ratio in ratios), sum(ratio.low > 1 for ratio in ratios)
+
+
+def claim_routes() -> Iterator[Claim]:
+    """Claims on recommended paths."""
+    for name, text in FILTERS.items():
+        queries, key = group_queries(name), f"routes.{FILTER_KEYS[name]}"
+        n, maps = len(queries), len({query.shortest["map"] for query in queries})
+        source = Source(
+            f"{n} queries, {SIMULATED.format(maps)}", ROUTES_COMMAND, queries[0].shortest["version"]
+        )
+        error = estimate_ratio(queries, "ratio")
+        yield source.claim(
+            f"{key}.error", f"Error of the recommended over the shortest path, {text}", error, n=n
+        )
+        yield source.claim(
+            f"{key}.inflated",
+            f"Error of the recommended over the inflated path, {text}",
+            estimate_ratio(queries, "inflated_ratio"),
+            n=n,
+        )
+        moved = [query for query in queries if query.is_moved]
+        better, worse = count_changes(moved)
+        counts = {
+            "moved": ("another path than the shortest is recommended", len(moved)),
+            "better": ("the recommended path is significantly better", better),
+            "worse": ("the recommended path is significantly worse", worse),
+            "undecided": (
+                "the recommendation is undecided",
+                sum(query.leader["verdict"] == "undecided" for query in queries),
+            ),
+        }
+        for what, (sentence, count) in counts.items():
+            yield source.count(f"{key}.{what}", f"Queries on which {sentence}, {text}", count, n)
+        for path in ("shortest", "recommended"):
+            yield source.claim(
+                f"{key}.lost.{path}",
+                f"Drives lost on {path} paths, {text}",
+                estimate_rate(queries, path, "lost", "drives"),
+                "%",
+                n,
+            )
+        longer = estimate_over_queries(
+            queries, lambda q: q.recommended["length"] / q.shortest["length"] - 1
+        )
+        yield source.claim(
+            f"{key}.longer", f"Additional length of recommended paths, {text}", longer, "%", n
+        )
+        figures = [agrees for query in queries for agrees in query.agreements()]
+        yield source.count(
+            f"{key}.agree",
+            f"Figures of `plan` that `simulate` confirms within both intervals, {text}",
+            sum(figures),
+            len(figures),
+        )
+
+
+def claim_choices() -> Iterator[Claim]:
+    """Claims on how often a recommendation is wrong, from drawn errors."""
+    rows = {row["true_ratio"]: row for row in read_rows("choices")}
+    for key, name, text in (
+        ("false", "the shortest's error", "no path is better"),
+        ("found", 0.8, "one of ten paths has 0.8 of the error"),
+    ):
+        row = rows[name]
+        source = Source(
+            "drawn errors", "python tests/benchmarks/power_of_choices.py 4000", row["version"]
+        )
+        share = compute_wilson_interval(row["recommended"], int(row["choices"]))
+        yield source.claim(
+            f"choices.{key}", f"Recommendations if {text}", share, "%", row["choices"]
+        )
+
+
+def tabulate_routes() -> str:
+    """Tabulate the changes by recommended paths, for each filter."""
+    columns = []
+    for name, text in FILTERS.items():
+        queries = group_queries(name)
+        moved = [query for query in queries if query.is_moved]
+        better, worse = count_changes(moved)
+        figures = [agrees for query in queries for agrees in query.agreements()]
+        lost = [
+            percent(estimate_rate(queries, path, "lost", "drives").value)
+            for path in ("shortest", "inflated", "recommended")
+        ]
+        longer = np.mean([q.recommended["length"] / q.shortest["length"] for q in queries]) - 1
+        undecided = sum(query.leader["verdict"] == "undecided" for query in queries)
+        columns.append(
             [
-                f"{name} ({len(own)} queries, {len(set(maps))} maps)",
-                *(text_of(exp(over_queries([each.value for each in r], maps))) for r in over),
-                f"{moved}: {better}/{worse}",
-                " / ".join(f"{each:.0%}" for each in lost),
-                " / ".join(f"{each:.0%}" for each in off),
-                f"{' / '.join(f'{np.mean(each):.1%}' for each in arrive)}; {text_of(gain)} points",
-                f"{sum(each > 0.95 for each in worst)}",
-                f"{undecided / len(own):.0%}",
-                f"{np.mean(agree):.0%} of {len(agree)}",
-                f"{np.median([each.seconds for each in own]):.1f} s",
+                f"{text} ({len(queries)} queries)",
+                f"**{format_interval(estimate_ratio(queries, 'ratio'))}**",
+                format_interval(estimate_ratio(queries, "inflated_ratio")),
+                f"{len(moved)}: {better} / {worse}",
+                ", ".join(lost),
+                percent(longer),
+                f"{undecided}",
+                f"{sum(figures)} of {len(figures)}",
             ]
         )
     heads = (
-        "filter",
-        "error over the shortest's",
-        "over the inflated one's",
-        "moved: better/worse",
-        "lost: shortest / inflated / chosen",
-        "off at the end",
-        "arrive; chosen over shortest",
-        "above .95",
+        "",
+        "error of the recommended over the shortest path",
+        "over the inflated path",
+        "another path recommended: better / worse",
+        "lost: shortest, inflated, recommended",
+        "longer",
         "undecided",
-        "`plan` and `simulate` agree",
-        "time",
+        "figures of `plan` confirmed",
+    )
+    return markdown(*transpose(heads, columns))
+
+
+def tabulate_choices() -> str:
+    """Tabulate the recommendations for drawn errors."""
+    rows = [
+        [
+            f"{row['true_ratio']:g}" if isinstance(row["true_ratio"], float) else row["true_ratio"],
+            f"{100 * row['recommended']:g} %",
+            f"{100 * row['undecided']:g} %",
+            f"{100 * row['within_interval']:g} %",
+        ]
+        for row in read_rows("choices")
+    ]
+    heads = (
+        "the best of nine other paths has",
+        "recommended",
+        "undecided",
+        "interval holds the truth",
     )
     return markdown(heads, rows)
 
 
-def maps_table(driven: Sequence[Judged]) -> str:
-    """What the choice changes on each map, for each filter."""
-    rows = []
-    filters = list(dict.fromkeys(each.filter for each in driven))
-    for name in dict.fromkeys(each.map for each in driven):
-        cells = [name]
-        for kind in filters:
-            here = [each for each in driven if (each.map, each.filter) == (name, kind)]
-            if not here:
-                cells.append("")
-                continue
-            error = np.exp(np.mean([each.log_error[SHORTEST].mean() for each in here]))
-            lost = [
-                np.mean([e.lost[e.path_of(w)].mean() for e in here]) for w in (SHORTEST, CHOSEN)
-            ]
-            factor = np.exp(np.mean([each.ratio(CHOSEN).value for each in here]))
-            cells.append(
-                f"{len(here)}: {error:.2f} m, {lost[0]:.0%} → {lost[1]:.0%}, x{factor:.2f}"
+# Closed loop.
+
+
+def claim_closed_loop() -> Iterator[Claim]:
+    """Claims on robots that reach the goal in simulation."""
+    rows = read_rows("closed_loop")
+    keys = zip(
+        dict.fromkeys(row["query"] for row in rows), ("hall", "hall2", "two_corridors"), strict=True
+    )
+    for query, key in keys:
+        shortest, recommended = select(rows, query=query)
+        command = f"{shortest['command']}; locplan simulate ... --closed-loop 200 --seed 1001"
+        source = Source("simulated drives", command, shortest["version"])
+        for row in (shortest, recommended):
+            name, text = f"closed_loop.{key}.{row['path']}", f"the {row['path']} path, {query}"
+            yield source.count(
+                f"{name}.arrived",
+                f"Robots that reach the goal on {text}",
+                row["arrived"],
+                row["closed_loop_drives"],
             )
-        rows.append(cells)
-    return markdown(["map", *filters], rows)
-
-
-def ranks_table(driven: Sequence[Judged]) -> str:
-    """Rank correlation over paths of what open drives show with closed-loop failures."""
-    rows = []
-    for name in dict.fromkeys(each.filter for each in driven):
-        own = [(each, path) for each in driven if each.filter == name for path in each.arrivals]
-        fails = [1 - each.arrivals[path].arrival_rate.value for each, path in own]
-        cells = [f"{name} ({len(own)} paths, {sum(each > 0 for each in fails)} fail at times)"]
-        for figures in ("log_error", "lost", "off_at_end"):
-            shown = [getattr(each, figures)[path].mean() for each, path in own]
-            cells.append(f"{spearman(shown, fails):.2f}")
-        faults = [d.fault for each, path in own for d in each.arrivals[path].drives]
-        cells.append(f"{faults.count('follower')} and {faults.count('world')} of {len(faults)}")
-        rows.append(cells)
-    heads = ("filter", "ln RMSE", "lost", "off at the end")
-    return markdown((*heads, "fail with perfect localization: follower, world"), rows)
-
-
-def spearman(one: Sequence[float], other: Sequence[float]) -> float:
-    """Spearman's rank correlation; NaN where all values are one."""
-    if len(set(one)) < 2 or len(set(other)) < 2:
-        return float("nan")
-    return float(spearmanr(one, other).statistic)
-
-
-def exp(interval: Interval) -> Interval:
-    """The ratio of which this is the logarithm."""
-    return Interval(*np.exp(interval).tolist())
-
-
-def over_queries(numbers: Sequence[float], maps: Sequence[str], resamples: int = 1000) -> Interval:
-    """The mean, with its 95 % interval over maps and queries."""
-    random = np.random.default_rng(0)
-    values, names = np.array(numbers), np.array(maps)
-    groups = [values[names == name] for name in dict.fromkeys(maps)]
-    means = []
-    for _ in range(resamples):
-        drawn = [groups[n] for n in random.integers(0, len(groups), len(groups))]
-        means.append(np.concatenate([random.choice(g, len(g)) for g in drawn]).mean())
-    low, high = np.quantile(means, (0.025, 0.975)).tolist()
-    return Interval(float(values.mean()), low, high)
-
-
-def text_of(interval: Interval) -> str:
-    return f"{interval.value:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
-
-
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-# Levels: what settings change at each level of disturbance.
-
-
-@dataclass(frozen=True)
-class Case:
-    """Drives with some settings at one level, on one map or recording."""
-
-    source: str
-    """"simulation" or "recordings"."""
-    place: str
-    """Name of the map or the recording."""
-    level: str
-    settings: str
-    log_error: list[float]
-    """Logarithm of the RMSE of each drive [ln m]."""
-    lost: list[bool]
-    """True for each drive that was lost."""
-    off_at_end: list[bool]
-    """True for each drive that was off at the end."""
-
-    @classmethod
-    def from_drives(
-        cls, source: str, place: str, level: Level, settings: str, drives: Sequence[Drives]
-    ) -> Case:
-        return cls(
-            source,
-            place,
-            level.name,
-            settings,
-            np.concatenate([np.log(each.mean_squares) / 2 for each in drives]).round(4).tolist(),
-            np.concatenate([each.lost for each in drives]).tolist(),
-            np.concatenate([each.off_at_end for each in drives]).tolist(),
+            lost = compute_wilson_interval(row["lost"] / row["drives"], int(row["drives"]))
+            yield source.claim(f"{name}.lost", f"Drives lost on {text}", lost, "%", row["drives"])
+        yield source.claim(
+            f"closed_loop.{key}.longer",
+            f"Additional length of the recommended path, {query}",
+            fixed(recommended["length"] - shortest["length"]),
+            "m",
+        )
+    for name, text in FILTERS.items():
+        queries, key = group_queries(name), f"routes.{FILTER_KEYS[name]}.arrived"
+        source = Source(
+            f"closed-loop drives of {len(queries)} queries",
+            ROUTES_COMMAND,
+            queries[0].shortest["version"],
+        )
+        for path in PATHS:
+            yield source.claim(
+                f"{key}.{path}",
+                f"Robots that reach the goal on {path} paths, {text}",
+                estimate_rate(queries, path, "arrived", "closed_loop_drives"),
+                "%",
+                len(queries),
+            )
+        yield source.claim(
+            f"{key}.gain",
+            f"Points by which more robots reach the goal on recommended paths, {text}",
+            estimate_gain(queries),
+            "%",
+            len(queries),
         )
 
 
-def show_levels(
-    folder: str = "evidence",
-    recordings: str = "",
-    maps: Sequence[str] = LEVEL_MAPS,
-    drives: int = 16,
-    runs: int = 12,
-) -> None:
-    """Drive with each setting at each level, and draw errors and lost drives."""
-    target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
-    file = target / "levels.json"
-    cases = [Case(**each) for each in json.loads(file.read_text())] if file.exists() else []
-    known = {(case.source, case.place, case.level, case.settings) for case in cases}
-    for source, place, level, drive in list_cases(recordings, maps, drives, runs):
-        for settings, amcl in SETTINGS.items():
-            if (source, place, level.name, settings) in known:
+def estimate_gain(queries: Sequence[Query]) -> Interval:
+    """Return how many more robots reach the goal on recommended paths, as a share."""
+    return estimate_over_queries(
+        queries,
+        lambda q: (
+            (q.recommended["arrived"] - q.shortest["arrived"]) / q.shortest["closed_loop_drives"]
+        ),
+    )
+
+
+def tabulate_closed_loop() -> str:
+    """Tabulate robots that reach the goal on single queries."""
+    lines = []
+    for row in read_rows("closed_loop"):
+        drives = row["closed_loop_drives"]
+        share = compute_wilson_interval(row["arrived"] / drives, int(drives))
+        lines.append(
+            [
+                row["query"],
+                row["path"],
+                f"{row['length']:.1f} m",
+                f"{row['error']:.2f} m",
+                percent(row["lost"] / row["drives"]),
+                f"{row['arrived']:.0f} of {drives:.0f} "
+                f"[{100 * share.low:.0f}, {100 * share.high:.0f} %]",
+            ]
+        )
+    return markdown(("query", "path", "length", "error", "lost", "reach the goal"), lines)
+
+
+def tabulate_arrivals() -> str:
+    """Tabulate robots that reach the goal on the queries of the paths."""
+    columns = []
+    for name, text in FILTERS.items():
+        queries = group_queries(name)
+        rates = [estimate_rate(queries, path, "arrived", "closed_loop_drives") for path in PATHS]
+        gain = estimate_gain(queries)
+        gains = [q.recommended["arrived"] - q.shortest["arrived"] for q in queries]
+        tenth = 0.1 * queries[0].shortest["closed_loop_drives"]
+        rows = {id(row): row for q in queries for row in (q.shortest, q.inflated, q.leader)}
+        drives, faults = (
+            sum(row[column] for row in rows.values())
+            for column in ("closed_loop_drives", "follower_faults")
+        )
+        columns.append(
+            [
+                f"{text} ({len(queries)} queries)",
+                *map(format_share, rates),
+                f"{100 * gain.value:.1f} [{100 * gain.low:.1f}, {100 * gain.high:.1f}]",
+                f"{sum(each > tenth for each in gains)}, {sum(each < -tenth for each in gains)}",
+                f"{faults:.0f} of {drives:.0f}",
+            ]
+        )
+    heads = (
+        "",
+        "reach the goal: shortest paths",
+        "inflated paths",
+        "recommended paths",
+        "recommended minus shortest, points",
+        "queries with over 10 points more, fewer",
+        "fail with perfect localization",
+    )
+    return markdown(*transpose(heads, columns))
+
+
+def transpose(
+    heads: Sequence[str], columns: Sequence[Sequence[str]]
+) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows of a table whose columns are given."""
+    head, *rows = map(list, zip(heads, *columns, strict=True))
+    return head, rows
+
+
+# Nav2.
+
+
+def claim_nav2() -> Iterator[Claim]:
+    """Claims on a real Nav2."""
+    rows = read_rows("nav2")
+    version = rows[0]["version"]
+    source = Source("simulated robot, whole Nav2 stack", "a real Nav2, by hand", version)
+    hall = [row for row in rows if row["query"].startswith("hall")]
+    masked = [row for row in hall if row["arm"].startswith("mask")]
+    arms = {
+        "nav2.hall.plain.arrived": ("in the hall as it is", select(hall, arm="as it is")),
+        "nav2.hall.mask.arrived": ("in the hall with the exported mask", masked),
+        "nav2.hall.precise.arrived": (
+            "in the hall with precise settings",
+            select(hall, arm="precise settings"),
+        ),
+        "nav2.skirk.plain.arrived": (
+            "on a solid map as it is",
+            [r for r in rows if "skirk" in r["query"] and r["arm"] == "as it is"],
+        ),
+        "nav2.skirk.repaired.arrived": (
+            "on a solid map with the repaired map for AMCL",
+            [r for r in rows if "skirk" in r["query"] and r["arm"] != "as it is"],
+        ),
+        "nav2.corridors.mask.arrived": (
+            "in two_corridors with a mask",
+            select(rows, query="two_corridors 2,3 to 38,3", arm="mask"),
+        ),
+    }
+    for key, (text, arm) in arms.items():
+        arrived, drives = (sum(row[column] for row in arm) for column in ("arrived", "drives"))
+        yield source.count(key, f"Robots that reach the goal {text}", arrived, drives)
+    total = sum(row["drives"] for row in rows)
+    yield source.claim("nav2.drives", "Drives of the whole stack", fixed(total), n=total)
+    chances = [compare_simulation(row) for row in rows if row["simulated"] != ""]
+    yield source.count(
+        "nav2.agree",
+        "Pairs of query and settings on which simulation and Nav2 agree (Fisher, p > 0.05)",
+        sum(chance > 0.05 for chance in chances),
+        len(chances),
+    )
+    for planner in ("Smac 2D", "Theta*", "NavFn"):
+        for has_mask in (0, 1):
+            masks = read_rows("masks", planner=planner, has_mask=has_mask)
+            if not masks:
                 continue
-            case = Case.from_drives(source, place, level, settings, drive(amcl))
-            print(f"{place}, {level.name}, {settings}: {np.exp(np.mean(case.log_error)):.2f} m")
-            cases.append(case)
-            file.write_text(json.dumps([asdict(each) for each in cases]), encoding="utf-8")
-    text = levels_table(cases)
-    print(text)
-    (target / "levels.md").write_text(text + "\n", encoding="utf-8")
-    save_figure(levels_figure(cases), target / "levels.png")
-    print(f"wrote {target / 'levels.png'}, {target / 'levels.md'}")
+            word = "with" if has_mask else "without"
+            plans = Source("six maps, six pairs each", "a real Nav2, by hand", masks[0]["version"])
+            key = f"nav2.cost.{planner.lower().replace(' ', '').rstrip('*')}.{word}"
+            yield plans.claim(
+                key,
+                f"Cost J of {planner}'s paths {word} a mask, over the least",
+                estimate_geometric([row["cost_ratio"] for row in masks]),
+                n=sum(row["pairs"] for row in masks),
+            )
 
 
-def list_cases(
-    recordings: str, maps: Sequence[str], drives: int, runs: int
-) -> Iterator[tuple[str, str, Level, Callable[[Amcl], list[Drives]]]]:
-    """List source, place and level of each case, and a function that drives with settings."""
-    for name in maps:
-        grid = locplan.load_map(OWN / f"{name}.yaml")
-        paths = find_routes(grid)
-        for level in LEVELS:
-            routes = paths
-            if level is REVERSAL:
-                routes = {name: back_up(path) for name, path in paths.items()}
-            if all(not level.can_affect(path, grid) for path in routes.values()):
-                print(f"{name}: no route can have the fault of the level {level.name}")
-                continue
-
-            def simulate_level(
-                amcl: Amcl,
-                grid: locplan.OccupancyGrid = grid,
-                routes: Mapping[str, locplan.Path] = routes,
-                level: Level = level,
-            ) -> list[Drives]:
-                simulator = Simulator(grid, Robot("turtlebot4", filter=amcl), threads=1)
-                return [*drive_open(simulator, routes, range(drives), level=level).values()]
-
-            yield "simulation", name, level, simulate_level
-    for name in (*SOUND, KINKED) if recordings else ():
-        file = Path(recordings) / f"{name}.log.gz"
-        if not file.exists():
-            print(f"{file}: skipped, there is no such recording")
-            continue
-        recording, grid = read_recording(file), locplan.load_map(file.with_name(f"{name}.yaml"))
-        for level in (KINKED_MAP,) if name == KINKED else SOUND_LEVELS:
-            seeds = FAULT_SEEDS if level.missing else FAULT_SEEDS[:1]
-            disturbed = {seed: disturb(recording, level, seed) for seed in seeds}
-            if not all(disturbed.values()):
-                continue
-
-            def replay_level(
-                amcl: Amcl,
-                grid: locplan.OccupancyGrid = grid,
-                disturbed: Mapping[int, Recording] = disturbed,
-            ) -> list[Drives]:
-                count = runs // len(disturbed)
-                return [
-                    replay(
-                        drive,
-                        grid,
-                        Robot(drive.lidar, filter=amcl),
-                        runs=count,
-                        seed=seed,
-                        threads=1,
-                    ).drives
-                    for seed, drive in disturbed.items()
-                ]
-
-            yield "recordings", name, level, replay_level
+def compare_simulation(row: Mapping[str, Any]) -> float:
+    """Return the probability of arrivals in Nav2 and in simulation by chance (Fisher)."""
+    table = [
+        [int(row["arrived"]), int(row["drives"] - row["arrived"])],
+        [int(row["simulated_arrived"]), int(row["simulated"] - row["simulated_arrived"])],
+    ]
+    return float(fisher_exact(table).pvalue)
 
 
-def find_routes(grid: locplan.OccupancyGrid, count: int = 2) -> dict[str, locplan.Path]:
-    """Return shortest paths between places far apart, the first routes of `locplan check`."""
-    robot = Robot("turtlebot4")
-    costs = locplan.Costmap.blank(grid, robot=robot)
-    paths = {}
-    for pair in describe_map(grid, robot=robot).pairs[:count]:
-        path = locplan.plan(costs, (pair.start.x, pair.start.y), (pair.goal.x, pair.goal.y)).path
-        if path is not None:
-            paths[f"{pair.start.name} to {pair.goal.name}"] = path
-    return paths
+def tabulate_nav2() -> str:
+    """Tabulate the drives of a real Nav2, with those in simulation."""
+    rows = []
+    for row in read_rows("nav2"):
+        error, simulated = row["greatest_error"], row["simulated"]
+        rows.append(
+            [
+                row["query"],
+                row["arm"],
+                f"{row['arrived']:.0f} of {row['drives']:.0f}",
+                "" if error == "" else f"{error:g} m",
+                "" if simulated == "" else f"{row['simulated_arrived']:.0f} of {simulated:.0f}",
+            ]
+        )
+    heads = ("query", "", "reach the goal", "greatest error of AMCL, median", "in simulation")
+    return markdown(heads, rows)
 
 
-def back_up(path: locplan.Path) -> locplan.Path:
-    """Return a path that leads back over `REVERSE` after a third, and on again."""
-    fine = path.resample(0.05, even=True)
-    end, begin = np.searchsorted(fine.distance, [path.length / 3, path.length / 3 - REVERSE])
-    order = [*range(end), *range(end, begin, -1), *range(begin, len(fine.xy))]
-    return locplan.Path(fine.xy[order], np.unwrap(fine.facing)[order])
+# Recordings.
 
 
-def disturb(recording: Recording, level: Level, seed: int = 1) -> Recording | None:
-    """Return a recording with a level's fault in its odometry; None if it cannot have the fault."""
-    before = recording.odometry
-    after = level.disturb_odometry(before, recording.poses, np.random.default_rng(seed))
-    changed = np.hypot(*(np.diff(after, axis=0) - np.diff(before, axis=0))[:, :2].T).sum()
-    # Lost signs change the motion by twice the distance in reverse.
-    if level is REVERSAL and changed < 2 * REVERSE:
-        return None
-    return replace(recording, odometry=after)
+SETTINGS = {
+    "defaults": "Nav2's defaults",
+    "safe": "safe settings",
+    "precise": "precise settings",
+}
+
+
+def claim_recordings() -> Iterator[Claim]:
+    """Claims on replays, ground truth and single scans of recordings."""
+    sound = read_rows("recordings", is_sound=1.0)
+    drives = {row["drive"]: row for row in sound}
+    source = Source(
+        f"{len(drives)} sound recordings",
+        "locplan simulate MAP --recording FILE --robot SETTINGS",
+        sound[0]["version"],
+    )
+    n = len(drives)
+    robots = len({row["robot"] for row in drives.values()})
+    length = sum(row["length"] for row in drives.values()) / 1000
+    yield source.claim("recordings.drives", "Sound recordings", fixed(n), n=n)
+    yield source.claim("recordings.robots", "Robots of the sound recordings", fixed(robots), n=n)
+    yield source.claim("recordings.length", "Length of sound recordings", fixed(length), "km", n)
+    for settings in SETTINGS:
+        rows = select(sound, settings=settings)
+        errors = [row["error"] for row in rows]
+        key, text = f"recordings.{settings}", f"error of AMCL in replays, {SETTINGS[settings]}"
+        yield source.claim(f"{key}.median", f"Median {text}", estimate_middle(errors), "m", n)
+        yield source.claim(f"{key}.least", f"Least {text}", fixed(min(errors)), "m", n)
+        yield source.claim(f"{key}.most", f"Greatest {text}", fixed(max(errors)), "m", n)
+        runs = sum(row["runs"] for row in rows)
+        for column, sentence in (("lost", "lost at some time"), ("off_at_end", "off at the end")):
+            share = compute_wilson_interval(sum(row[column] for row in rows) / runs, int(runs))
+            yield source.claim(
+                f"{key}.{column.split('_')[0]}",
+                f"Replays {sentence}, {SETTINGS[settings]}",
+                share,
+                "%",
+                runs,
+            )
+    truth = read_rows("ground_truth")
+    source = Source(
+        f"odd scans of {len(truth)} logs", "locplan recording FILE MAP", truth[0]["version"]
+    )
+    for column, text, unit in (
+        ("median", "Median error of the ground truth of `recording`", "m"),
+        ("most", "Greatest error of a trusted pose of `recording`", "m"),
+    ):
+        values = [row[column] for row in truth]
+        interval = estimate_middle(values) if column == "median" else fixed(max(values))
+        yield source.claim(f"recordings.truth.{column}", text, interval, unit, len(values))
+    for row in read_rows("locate"):
+        source = Source(row["data"], row["command"], row["version"])
+        yield source.count(
+            "recordings.locate.right",
+            "Single scans that `locate` locates",
+            row["right"],
+            row["scans"],
+        )
+        yield source.count(
+            "recordings.locate.certain",
+            "Scans that `locate` calls certain, and that are right",
+            row["certain_right"],
+            row["certain"],
+        )
+
+
+def tabulate_recordings() -> str:
+    """Tabulate the errors of AMCL in replays of each recording."""
+    rows = read_rows("recordings")
+    lines = []
+    for drive in dict.fromkeys(row["drive"] for row in sorted(rows, key=lambda r: -r["is_sound"])):
+        own = select(rows, drive=drive)
+        cells = [drive, "yes" if own[0]["is_sound"] else "no", f"{own[0]['length']:.0f} m"]
+        for row in own:
+            lost = f" ({row['lost']:.0f}, {row['off_at_end']:.0f})" if row["lost"] else ""
+            cells.append(f"{format_metres(row['error'])}{lost}")
+        lines.append(cells)
+    return markdown(("recording", "sound", "length", "defaults", "safe", "precise"), lines)
+
+
+def tabulate_truth() -> str:
+    """Tabulate the errors of the ground truth of recordings."""
+    rows = [
+        [
+            row["log"],
+            *(f"{100 * row[column]:.1f} cm" for column in ("median", "p95", "most")),
+            percent(row["inside_95"]),
+            percent(row["doubtful"]),
+        ]
+        for row in read_rows("ground_truth")
+    ]
+    heads = ("log", "median error", "95 %", "most", "inside the 95 % ellipse", "doubtful")
+    return markdown(heads, rows)
+
+
+# Settings.
+
+BASELINE = "baseline"
+LEVELS = ("usual", "turns", "slip", "kinked map", "standstill", "reversal")
+"""The levels of disturbance; those that lose few robots come first."""
 
 
 @dataclass(frozen=True)
@@ -497,115 +865,355 @@ class LevelResult:
     errors: Sequence[float]
     lost: Interval
     off_at_end: Interval
-    off_rates: Sequence[float]
+    drives: int
 
 
-def summarize(cases: Sequence[Case]) -> LevelResult:
+def summarize(rows: Rows) -> LevelResult:
     """Return the means over places, with 95 % intervals over the drives of all places."""
-    errors = [estimate_mean(np.array(case.log_error)) for case in cases]
+    errors = [log(interval_of(row, "error")) for row in rows]
     middle = float(np.mean([each.value for each in errors]))
-    half = float(np.sqrt(sum((each.high - each.value) ** 2 for each in errors))) / len(cases)
-    count = sum(len(case.lost) for case in cases)
-    off_rates = [float(np.mean(case.off_at_end)) for case in cases]
+    half = float(np.sqrt(sum((each.high - each.value) ** 2 for each in errors))) / len(rows)
+    count = int(sum(row["drives"] for row in rows))
+    rates = {
+        column: float(np.mean([row[column] / row["drives"] for row in rows]))
+        for column in ("lost", "off_at_end")
+    }
     return LevelResult(
         exp(Interval(middle, middle - half, middle + half)),
-        np.exp([each.value for each in errors]).tolist(),
-        compute_wilson_interval(float(np.mean([np.mean(case.lost) for case in cases])), count),
-        compute_wilson_interval(float(np.mean(off_rates)), count),
-        off_rates,
+        [row["error"] for row in rows],
+        compute_wilson_interval(rates["lost"], count),
+        compute_wilson_interval(rates["off_at_end"], count),
+        count,
     )
 
 
-def summarize_levels(
-    cases: Sequence[Case], source: str
-) -> dict[str, tuple[int, dict[str, LevelResult]]]:
+def summarize_levels(rows: Rows, source: str) -> dict[str, tuple[int, dict[str, LevelResult]]]:
     """Return the number of places of each level, and the results of the settings there."""
     results = {}
-    for level in SHOWN_LEVELS:
-        here = [case for case in cases if (case.source, case.level) == (source, level.name)]
-        places = {case.place for case in here}
-        if places:
-            results[level.name] = (
-                len(places),
-                {
-                    name: summarize([case for case in here if case.settings == name])
-                    for name in SETTINGS
-                },
-            )
+    names = list(dict.fromkeys(row["settings"] for row in rows))
+    for level in LEVELS:
+        cases = [row for row in rows if (row["source"], row["level"]) == (source, level)]
+        if cases:
+            by_settings = {
+                name: summarize([row for row in cases if row["settings"] == name]) for name in names
+            }
+            results[level] = len({row["place"] for row in cases}), by_settings
     return results
 
 
-def levels_table(cases: Sequence[Case]) -> str:
-    """Return error, lost and off at the end of each setting at each level."""
-    rows = []
-    for source in dict.fromkeys(case.source for case in cases):
-        for level, (count, results) in summarize_levels(cases, source).items():
-            cells = [
-                f"{each.error.value:.3f} m, {each.lost.value:.0%}, {each.off_at_end.value:.0%}"
-                for each in results.values()
+def claim_settings() -> Iterator[Claim]:
+    """Claims on settings at each level of disturbance."""
+    rows = read_rows("levels")
+    for place in ("simulation", "recordings"):
+        for level, (count, results) in summarize_levels(rows, place).items():
+            where = "maps" if place == "simulation" else "recordings"
+            source = Source(
+                f"{count} {where}, {level} level",
+                "python examples/levels.py examples/evidence RECORDINGS",
+                rows[0]["version"],
+            )
+            for name, result in results.items():
+                key = f"settings.{place}.{level.replace(' ', '_')}.{name}"
+                text, n = f"{place}, {level}, {name} settings", result.drives
+                yield source.claim(f"{key}.error", f"Error: {text}", result.error, "m", n)
+                yield source.claim(f"{key}.lost", f"Lost: {text}", result.lost, "%", n)
+                off = result.off_at_end
+                yield source.claim(f"{key}.off", f"Off at the end: {text}", off, "%", n)
+
+
+def tabulate_settings() -> str:
+    """Tabulate error, and drives off at the end, of each setting at each level."""
+    rows = read_rows("levels")
+    lines = []
+    for place in ("simulation", "recordings"):
+        for level, (count, results) in summarize_levels(rows, place).items():
+            cells = [f"{place} ({count})", level]
+            cells += [
+                f"{format_metres(r.error.value)}, {percent(r.off_at_end.value)}"
+                for r in results.values()
             ]
-            rows.append([f"{source}, {level} ({count})", *cells])
-    return markdown(["error, lost, off at the end", *SETTINGS], rows)
+            lines.append(cells)
+    return markdown(("drives", "level", "baseline", "safe", "precise"), lines)
 
 
-def levels_figure(cases: Sequence[Case]) -> NotebookFigure:
-    """Draw errors above shares of lost drives, simulation next to recordings."""
-    sources = list(dict.fromkeys(case.source for case in cases))
-    summaries = [summarize_levels(cases, source) for source in sources]
-    figure = NotebookFigure(figsize=(1.5 + 5.2 * len(sources), 5.8), layout="constrained")
-    panels = figure.subplots(
-        2,
-        len(sources),
-        sharex="col",
-        sharey="row",
-        squeeze=False,
-        gridspec_kw={"width_ratios": [max(3, len(each)) for each in summaries]},
+# Repairs.
+
+
+def claim_repairs() -> Iterator[Claim]:
+    """Claims on repaired maps for AMCL."""
+    rows = read_rows("repairs")
+    source = Source(
+        "7 real maps with solid walls, 128 simulated drives each",
+        "locplan repair MAP --paths 8 --drives 16",
+        rows[0]["version"],
     )
-    colours = dict(zip(SETTINGS, ("0.35", style.BLUE, style.VERMILION), strict=True))
-    for (above, below), source, levels in zip(panels.T, sources, summaries, strict=True):
-        for at, (_, results) in enumerate(levels.values()):
-            for shift, (name, result) in zip((-0.27, 0.0, 0.27), results.items(), strict=True):
-                x, colour = at + shift, colours[name]
-                above.plot(
-                    [x] * len(result.errors), result.errors, "o", color=colour, ms=3, alpha=0.4
-                )
-                above.plot([x - 0.11, x + 0.11], [result.error.value] * 2, color=colour, lw=3)
-                below.bar(x, result.lost.value, 0.23, color=colour, alpha=0.25)
-                below.bar(x, result.off_at_end.value, 0.23, color=colour)
-                if source == "simulation":
-                    above.vlines(x, *result.error[1:], color=colour, lw=1.2)
-                    below.vlines(x, *result.off_at_end[1:], color="black", lw=1)
-                if not at:
-                    below.text(
-                        x,
-                        max(result.lost.value, result.off_at_end.high) + 0.03,
-                        name,
-                        rotation=90,
-                        ha="center",
-                        va="bottom",
-                        color=colour,
-                        fontweight="bold",
-                    )
-        places = "maps" if source == "simulation" else "drives"
-        ticks = [f"{name.replace(' ', chr(10))}\n({count})" for name, (count, _) in levels.items()]
-        above.set_title(f"{source} (number of {places})")
-        below.set_xticks(range(len(ticks)), ticks)
-        above.set_yscale("log")
-        above.yaxis.set_major_formatter("{x:g}")
-        below.set_ylim(0, 1)
-        below.yaxis.set_major_formatter("{x:.0%}")
-        for axes in (above, below):
-            axes.grid(axis="y", alpha=0.3)
-            axes.set_axisbelow(True)
-            axes.spines[["top", "right"]].set_visible(False)
-            axes.tick_params(axis="x", length=0)
-    panels[0, 0].set_ylabel("error of a typical drive [m]")
-    panels[1, 0].set_ylabel("drives lost at some time (light)\nand off at the end (dark)")
-    return figure
+    for settings, text in (("defaults", "Nav2's defaults"), ("precise", "precise settings")):
+        own = select(rows, settings=settings)
+        for column, what in (("lost", "on the map as it is"), ("lost_repaired", "repaired")):
+            share = estimate_over_groups([[row[column]] for row in own])
+            key = f"repairs.{settings}.{column}"
+            yield source.claim(key, f"Drives lost, {what}, {text}", share, "%", len(own))
+        ratios = [row["ratio"] for row in own]
+        yield source.claim(
+            f"repairs.{settings}.ratio",
+            f"Error, repaired over as is, {text}",
+            estimate_geometric(ratios),
+            n=len(own),
+        )
+        worse = sum(row["ratio_low"] > 1 for row in own)
+        yield source.count(
+            f"repairs.{settings}.worse", f"Maps that a repair makes worse, {text}", worse, len(own)
+        )
+
+
+def tabulate_repairs() -> str:
+    """Tabulate what repairs change on each solid map."""
+    rows = read_rows("repairs")
+    lines = []
+    for name in dict.fromkeys(row["map"] for row in rows):
+        cells = [name]
+        for row in select(rows, map=name):
+            cells.append(f"{percent(row['lost'])} → {percent(row['lost_repaired'])}")
+            cells.append(format_interval(interval_of(row, "ratio")))
+        lines.append(cells)
+    heads = ("map", "lost, defaults", "error ratio", "lost, precise", "error ratio")
+    return markdown(heads, lines)
+
+
+def tabulate_walls() -> str:
+    """Tabulate the error on maps with wrong walls, over that on the true map."""
+    rows = read_rows("walls")
+    lines = []
+    for name, fault in dict.fromkeys((row["map"], row["fault"]) for row in rows):
+        cells = [name, fault]
+        cases = select(rows, map=name, fault=fault)
+        cells += [format_interval(interval_of(row, "ratio")) for row in cases]
+        lines.append(cells)
+    heads = ("map", "fault", "defaults, wrong walls", "corrected", "precise, corrected")
+    return markdown(heads, lines)
+
+
+# Landmarks.
+
+
+LANDMARKS = {
+    "none": "without landmarks",
+    "proposed": "with proposed landmarks",
+    "random": "with landmarks at random places",
+}
+
+
+def claim_landmarks() -> Iterator[Claim]:
+    """Claims on proposed landmarks."""
+    keys = ("corridors.boxes", "corridors.poles", "corridors.precise", "hall", "warehouse")
+    rows = read_rows("landmarks")
+    groups = [rows[n : n + 3] for n in range(0, len(rows), 3)]
+    for key, group in zip(keys, groups, strict=True):
+        for row in group:
+            source = Source(f"{row['query']}, {row['objects']}", row["command"], row["version"])
+            n = int(row["drives"])
+            name, text = (
+                f"landmarks.{key}.{row['places']}",
+                f"{row['places']} landmarks, {row['query']}",
+            )
+            lost = compute_wilson_interval(row["lost"] / n, n)
+            yield source.claim(f"{name}.lost", f"Drives lost, {text}", lost, "%", n)
+            yield source.claim(f"{name}.error", f"Error, {text}", interval_of(row, "error"), "m", n)
+
+
+def tabulate_landmarks() -> str:
+    """Tabulate drives without landmarks, with proposed ones, and with random ones."""
+    rows = read_rows("landmarks")
+    lines = []
+    for n in range(0, len(rows), 3):
+        group = rows[n : n + 3]
+        cells = [group[0]["query"], group[0]["objects"], group[0]["settings"]]
+        cells += [
+            f"{percent(row['lost'] / row['drives'])}, {format_metres(row['error'])}"
+            for row in group
+        ]
+        lines.append(cells)
+    heads = ("route", "objects", "settings", "none", "proposed", "as many at random places")
+    return markdown(heads, lines)
+
+
+# Speed.
+
+
+def claim_speed() -> Iterator[Claim]:
+    """Claims on times."""
+    for row in read_rows("speed"):
+        source = Source(row["data"], row["command"], row["version"])
+        yield source.claim(f"speed.{row['key']}", row["what"], fixed(row["seconds"]), "s")
+
+
+def tabulate_speed() -> str:
+    """Tabulate times."""
+    rows = [
+        [row["what"], row["data"], f"{row['seconds']:.{choose_digits(row['seconds'], 's')}f} s"]
+        for row in read_rows("speed")
+    ]
+    return markdown(("", "data", "time"), rows)
+
+
+# Places.
+
+ERROR_KINDS = {
+    "single scans": "single scans",
+    "beams multiplied": "AMCL that multiplies beams",
+    "defaults": "AMCL with Nav2's defaults",
+}
+
+
+def claim_places() -> Iterator[Claim]:
+    """Claims on how fields rank simulated errors at places."""
+    for row in read_rows("places"):
+        source = Source(
+            f"{row['places']:.0f} places on {row['maps']:.0f} real maps",
+            "python examples/places.py examples/evidence MAP.yaml ...",
+            row["version"],
+        )
+        if row["predictor"] not in ("sad, e", "scan, position", "fisher+scan, position"):
+            continue
+        name = row["predictor"].split(",")[0].replace("+", "_")
+        kind = row["error"].split(" ")[0]
+        yield source.claim(
+            f"places.{name}.{kind}",
+            f"Rank correlation of `{name}` with simulated errors, {ERROR_KINDS[row['error']]}",
+            interval_of(row, "rank"),
+            n=row["places"],
+        )
+
+
+def tabulate_places() -> str:
+    """Tabulate the rank correlation of each predictor with each kind of error."""
+    rows = read_rows("places")
+    lines = []
+    for name in dict.fromkeys(row["predictor"] for row in rows):
+        if "heading" in name or "visible" in name:
+            continue
+        cells = [name]
+        for kind in ERROR_KINDS:
+            row = select(rows, predictor=name, error=kind)[0]
+            cells.append(f"{format_interval(interval_of(row, 'rank'))}; {row['within']:.2f}")
+        lines.append(cells)
+    heads = ("predictor", *ERROR_KINDS.values())
+    return markdown(heads, lines)
+
+
+# All claims, and the page.
+
+SECTIONS: tuple[Callable[[], Iterator[Claim]], ...] = (
+    claim_lasers,
+    claim_routes,
+    claim_choices,
+    claim_closed_loop,
+    claim_nav2,
+    claim_recordings,
+    claim_settings,
+    claim_repairs,
+    claim_landmarks,
+    claim_speed,
+    claim_places,
+)
+TABLES: dict[str, Callable[[], str]] = {
+    "lasers": tabulate_lasers,
+    "metres": tabulate_metres,
+    "routes": tabulate_routes,
+    "choices": tabulate_choices,
+    "closed loop": tabulate_closed_loop,
+    "arrivals": tabulate_arrivals,
+    "nav2": tabulate_nav2,
+    "recordings": tabulate_recordings,
+    "ground truth": tabulate_truth,
+    "settings": tabulate_settings,
+    "repairs": tabulate_repairs,
+    "walls": tabulate_walls,
+    "landmarks": tabulate_landmarks,
+    "speed": tabulate_speed,
+    "places": tabulate_places,
+}
+HEADLINES = (
+    "lasers.fused.pooled",
+    "lasers.apart.fused.pooled",
+    "lasers.fused.metres",
+    "lasers.apart.fused.metres",
+    "routes.default.error",
+    "routes.default.worse",
+    "routes.calm.error",
+    "routes.precise.error",
+    "choices.false",
+    "closed_loop.hall.shortest.arrived",
+    "closed_loop.hall.recommended.arrived",
+    "closed_loop.two_corridors.recommended.arrived",
+    "nav2.hall.plain.arrived",
+    "nav2.hall.mask.arrived",
+    "nav2.agree",
+    "recordings.defaults.median",
+    "recordings.safe.median",
+    "recordings.precise.median",
+    "recordings.truth.median",
+    "recordings.locate.right",
+    "settings.recordings.standstill.precise.off",
+    "repairs.defaults.lost",
+    "repairs.defaults.lost_repaired",
+    "landmarks.corridors.boxes.none.lost",
+    "landmarks.corridors.boxes.proposed.lost",
+    "speed.paper",
+    "places.scan.single",
+)
+"""Keys of the claims at the top of the page."""
+
+
+def fill_table(found: re.Match[str], claims: Sequence[Claim]) -> str:
+    """Return a place of a table in the page with the table in it."""
+    name = found[2]
+    table = tabulate_claims(claims) if name == "claims" else TABLES[name]()
+    return f"{found[1]}\n{table}\n\n{found[3]}"
+
+
+def tabulate_claims(claims: Sequence[Claim]) -> str:
+    """Tabulate the claims at the top of the page."""
+    by_key = {claim.key: claim for claim in claims}
+    rows = []
+    for key in HEADLINES:
+        claim = by_key[key]
+        version = claim.version.split(":")[0]
+        is_command = claim.command.startswith(("python", "locplan"))
+        command = f"`{claim.command}`" if is_command else claim.command
+        rows.append([claim.claim, claim.figure, claim.data, command, version])
+    return markdown(("claim", "figure [95 % interval]", "data", "command", "version"), rows)
+
+
+# Text of the tables.
+
+
+def format_interval(interval: Interval, digits: int = 2) -> str:
+    """Text such as 0.80 [0.71, 0.89]."""
+    text = f"{interval.value:.{digits}f}"
+    if math.isnan(interval.low):
+        return text
+    return f"{text} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
+
+
+def percent(share: float) -> str:
+    """Text such as 80 %."""
+    return f"{100 * share:.0f} %"
+
+
+def format_share(share: Interval) -> str:
+    """Text such as 80 % [71, 89]."""
+    text = percent(share.value)
+    if math.isnan(share.low):
+        return text
+    return f"{text} [{100 * share.low:.0f}, {100 * share.high:.0f}]"
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Text of a table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["levels"]:
-        show_levels(*sys.argv[2:4])
-    else:
-        main(*sys.argv[1:2], maps=sys.argv[2:])
+    main(*sys.argv[1:2])

@@ -5,19 +5,23 @@ all around, and 16 single scans are matched there. The error of the filter is it
 metre. Each field, and two baselines, are ranked by both kinds of errors.
 
 Run: python examples/places.py [FOLDER [MAP.yaml ...]]
+
+Writes FOLDER/places.csv, one row for each predictor and kind of error, and FOLDER/places_maps.csv,
+the errors on each map.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
+from evidence import find_version, write_rows
 from numba import njit
 from scipy.spatial import cKDTree
 
@@ -25,7 +29,6 @@ import locplan
 from locplan import FieldConfig, Fisher, Fused, Lidar, OccupancyGrid, Sad, Scan
 from locplan._support.intervals import (
     BootstrapResamples,
-    Interval,
     RankStatistics,
     compute_rank_statistics,
     make_generator,
@@ -59,7 +62,7 @@ from locplan.simulation.worlds import (
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 FILTERS = {
-    "Nav2's defaults": Amcl(),
+    "defaults": Amcl(),
     "beams multiplied": Amcl(laser_model_type="likelihood_field_prob"),
 }
 LENGTH = 10.0
@@ -68,6 +71,7 @@ MATCH_WINDOW, MATCH_STEP = 2.0, 0.05
 """Half of the edge and step of the window in which scans are matched [m]."""
 MATCH, POINTS, APPROACH = 1, 3, 4
 """Streams of random numbers."""
+Row = dict[str, Any]
 ErrorKind = Literal["tracking", "match"]
 KINDS: tuple[ErrorKind, ...] = ("tracking", "match")
 """Kinds of errors: of the filter, and of single scans."""
@@ -76,17 +80,16 @@ KINDS: tuple[ErrorKind, ...] = ("tracking", "match")
 def main(
     folder: str = "places", maps: Sequence[str] = (), places: int = 100, drives: int = 16
 ) -> None:
-    target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
     grids = [locplan.load_map(file) for file in maps or sorted(OWN.glob("*.yaml"))]
     evaluations = {
         name: evaluate(grids, equip_robot(Robot(filter=amcl)), places, drives)
         for name, amcl in FILTERS.items()
     }
-    text = "\n\n".join([predictors(evaluations), errors(evaluations)])
-    print(text)
-    (target / "places.md").write_text(text + "\n", encoding="utf-8")
-    print(f"wrote {target / 'places.md'}")
+    for name, rows in (
+        ("places", list(compare_predictors(evaluations))),
+        ("places_maps", list(describe_maps(evaluations))),
+    ):
+        print(f"wrote {write_rows(Path(folder) / f'{name}.csv', rows)}")
 
 
 # The errors of a robot at places.
@@ -382,48 +385,49 @@ def evaluate(grids: Sequence[OccupancyGrid], robot: Robot, places: int, drives: 
     return Evaluation(measured, [predictions(p.grid, fields, p.points) for p in measured])
 
 
-def predictors(evaluations: dict[str, Evaluation]) -> str:
-    """Each predictor's rank correlation over all places, mean within a map, and AUC."""
-    columns = {name: (each, "tracking") for name, each in evaluations.items()}
-    columns["single scans"] = next(iter(evaluations.values())), "match"
-    rows = []
-    for predictor in next(iter(evaluations.values())).predictions[0]:
-        cells = [f"{predictor}{' (of heading)' if predictor.of_heading else ''}"]
-        for evaluation, kind in columns.values():
-            found = evaluation.ranks[predictor, kind]
-            cells.append(
-                f"{text_of(found.spearman)}, {found.within.value:.2f}, {found.auc.value:.2f}"
-            )
-        rows.append(cells)
-    return markdown(["predictor", *columns], rows)
+def compare_predictors(evaluations: Mapping[str, Evaluation]) -> Iterator[Row]:
+    """Compare each predictor with each kind of error: over all places, and within a map."""
+    kinds: dict[str, tuple[Evaluation, ErrorKind]] = {
+        name: (evaluation, "tracking") for name, evaluation in evaluations.items()
+    }
+    kinds["single scans"] = next(iter(evaluations.values())), "match"
+    for name, (evaluation, kind) in kinds.items():
+        for predictor in evaluation.predictions[0]:
+            ranks = evaluation.ranks[predictor, kind]
+            yield {
+                "predictor": str(predictor),
+                "error": name,
+                "rank": ranks.spearman.value,
+                "rank_low": ranks.spearman.low,
+                "rank_high": ranks.spearman.high,
+                "within": ranks.within.value,
+                "auc": ranks.auc.value,
+                "maps": len(evaluation.places),
+                "places": sum(len(places.points) for places in evaluation.places),
+                "version": find_version(),
+            }
 
 
-def errors(evaluations: dict[str, Evaluation]) -> str:
-    """For each map how large the errors are, and how well e ranks them there."""
-    rows = []
-    for number, places in enumerate(next(iter(evaluations.values())).places):
-        cells = [places.grid.name]
-        for evaluation in evaluations.values():
-            alone, places = evaluation.of_map(number), evaluation.places[number]
-            low, median, high = np.quantile(places.rmse("tracking"), (0.1, 0.5, 0.9))
-            ranks = [alone.ranks[p, "tracking"].spearman.value for p in shown(evaluation)]
-            cells += [f"{low:.2f} / {median:.2f} / {high:.2f}", *(f"{r:.2f}" for r in ranks)]
-        rows.append(cells)
-    heads = [f"{name}: {what}" for name in evaluations for what in ("RMSE [m]", "sad e", "scan e")]
-    return markdown(["map", *heads], rows)
-
-
-def shown(evaluation: Evaluation) -> list:
-    return [p for p in evaluation.predictions[0] if str(p) in ("sad, e", "scan, e")]
-
-
-def text_of(interval: Interval) -> str:
-    return f"{interval.value:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
-
-
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def describe_maps(evaluations: Mapping[str, Evaluation]) -> Iterator[Row]:
+    """Describe the errors on each map, and how well two estimators rank them there."""
+    for name, evaluation in evaluations.items():
+        for number, places in enumerate(evaluation.places):
+            ranks = {
+                str(predictor): statistics.spearman.value
+                for (predictor, kind), statistics in evaluation.of_map(number).ranks.items()
+                if kind == "tracking"
+            }
+            low, median, high = np.quantile(places.rmse("tracking"), (0.1, 0.5, 0.9)).tolist()
+            yield {
+                "map": places.grid.name,
+                "error": name,
+                "low": low,
+                "median": median,
+                "high": high,
+                "rank_sad": ranks["sad, e"],
+                "rank_scan": ranks["scan, e"],
+                "version": find_version(),
+            }
 
 
 if __name__ == "__main__":

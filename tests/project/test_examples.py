@@ -1,20 +1,15 @@
 import functools
 import importlib.util
-import json
-import math
 import shlex
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support.machine import SHARED_DATA
 from support.maps import ascii_map
 
 import locplan
-from locplan.recordings import Recording
 from locplan.simulation import RecommendationSettings
-from locplan.simulation.levels import REVERSAL, STANDSTILL
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.py"))
 
@@ -22,16 +17,18 @@ MAP = str(EXAMPLES[0].parent.parent / "maps" / "two_corridors.yaml")
 QUICKLY = {
     "animation": (10.0, 4),
     "compare": (0.05,),
-    "evidence": ((MAP,), 2, 1),
     "gallery": (MAP, "turtlebot4", "info.png", "paper_e.png"),
     "explorer_picture": ("two_corridors",),
+    "levels": ("", ("two_corridors",), 1, 1),
     "paper": (0.1, 1, ("paper",)),
     "places": ((MAP,), 4, 2),
+    "routes": ((MAP,), 6, 1),
 }
 """Arguments with which a program is done soon."""
 LONG = (
-    *("animation", "api", "cluster", "compare", "estimators", "evidence", "explorer_picture"),
-    *("gallery", "lasers", "navigation", "ompl_program", "paper", "places", "recorded_drive"),
+    *("animation", "api", "cluster", "compare", "estimators", "explorer_picture", "gallery"),
+    *("lasers", "levels", "navigation", "ompl_program", "paper", "places", "recorded_drive"),
+    "routes",
 )
 """What these do has tests of its own."""
 
@@ -43,10 +40,7 @@ LONG = (
     ids=lambda path: path.stem,
 )
 def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch):
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, path.stem, module)  # dataclasses look for their module
-    spec.loader.exec_module(module)
+    module = load_example(path.stem, monkeypatch)
     if path.stem == "lasers" and not (SHARED_DATA / "carmen").is_dir():
         pytest.skip("the laser logs (../shared/data/carmen) are not here")
     if path.stem == "explorer_picture":
@@ -66,9 +60,10 @@ def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch
 
 
 def load_example(name, monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES[0].parent)  # programs of the evidence share one
     spec = importlib.util.spec_from_file_location(name, EXAMPLES[0].parent / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setitem(sys.modules, name, module)  # dataclasses look for their module
     spec.loader.exec_module(module)
     return module
 
@@ -77,12 +72,6 @@ def load_example(name, monkeypatch):
 def gallery(monkeypatch):
     """The gallery as a module."""
     return load_example("gallery", monkeypatch)
-
-
-@pytest.fixture
-def evidence(monkeypatch):
-    """The program that measures the evidence as a module."""
-    return load_example("evidence", monkeypatch)
 
 
 def test_the_gallery_takes_a_map_whose_path_needs_quotes(gallery):
@@ -111,51 +100,6 @@ def test_the_gallery_shows_each_picture_with_its_command(gallery, tmp_path, caps
     assert "drew paper_e.png" in capsys.readouterr().out
     pictures = [entry.picture for entry in module.ENTRIES]
     assert len(set(pictures)) == len(pictures)
-
-
-def make_case(evidence, settings, log_error, off_at_end, place="hall"):
-    lost = [True] * len(off_at_end)
-    return evidence.Case("simulation", place, "usual", settings, log_error, lost, off_at_end)
-
-
-def test_evidence_levels_weigh_maps_equally(evidence):
-    cases = [
-        make_case(evidence, settings, [math.log(error)] * len(off), off, place)
-        for settings in evidence.SETTINGS
-        for place, error, off in (("hall", 0.1, [True] * 6), ("lab", 0.4, [False] * 18))
-    ]
-    row = evidence.levels_table(cases).splitlines()[-1]
-    assert row.split(" | ")[:2] == ["| simulation, usual (2)", "0.200 m, 100%, 50%"]
-    assert len(evidence.levels_figure(cases).axes) == 2
-
-
-def test_evidence_reversal_goes_back_and_on(evidence):
-    """Otherwise no route of the check could show lost signs."""
-    straight = locplan.Path([[0.0, 0.0], [30.0, 0.0]])
-    path = evidence.back_up(straight)
-    assert path.length == pytest.approx(straight.length + 2 * evidence.REVERSE, abs=0.1)
-    assert REVERSAL.can_affect(path, locplan.load_map(MAP))
-    assert np.ptp(path.heading) == 0
-
-
-def test_evidence_disturbs_what_recordings_can_show(evidence):
-    x = np.r_[0:20:0.25, 20:18.9:-0.25, 19:60:0.25]
-    poses = np.column_stack([x, np.zeros((len(x), 2))])
-    lidar = locplan.Lidar(range=5.0, beams=5)
-    recording = Recording(np.full((len(x), 5), 1.0), lidar, poses, odometry=poses)
-    assert evidence.disturb(recording, REVERSAL) is None  # it reverses over 1 m only
-    disturbed = evidence.disturb(recording, STANDSTILL)
-    ways = (np.abs(np.diff(each[:, 0])).sum() for each in (poses, disturbed.odometry))
-    assert next(ways) - next(ways) == pytest.approx(2.0, abs=0.6)
-
-
-@pytest.mark.long
-def test_evidence_levels_resume(evidence, tmp_path, capsys):
-    for expected in (True, False):
-        evidence.show_levels(str(tmp_path), maps=("two_corridors",), drives=1)
-        assert ("two_corridors, slip, safe:" in capsys.readouterr().out) == expected
-    assert len(json.loads((tmp_path / "levels.json").read_text())) == 18
-    assert (tmp_path / "levels.png").stat().st_size > 10_000
 
 
 def test_there_are_examples():
