@@ -182,8 +182,8 @@ class PlannedPath:
             return "finds no path"
         change = "more" if self.ratio >= 1 else "less"
         return (
-            f"{100 * abs(self.ratio - 1):.0f} % {change} J than the recommended path, median"
-            f" clearance {self.clearance:.2f} m, minimum {self.least_clearance:.2f} m"
+            f"costs {100 * abs(self.ratio - 1):.0f} % {change} than the recommended path; distance"
+            f" from walls: median {self.clearance:.2f} m, minimum {self.least_clearance:.2f} m"
         )
 
 
@@ -258,9 +258,7 @@ PLANNERS = {
             None,
             lambda costs, _: np.trunc(50 + 0.8 * costs) / 50 - 1,
             lambda cost, excess: np.nan,
-            caveat="its wave stops early and does not see costs beyond twice that of free space (on"
-            " a real Nav2 1.3.13 J was 1.05 to 2.98 times the best with its mask, and 2 of 6 plans"
-            " failed on a map of 1674 x 1006 cells)",
+            caveat="it ignores most of a mask's costs, and may find no path on large maps",
         ),
         NavPlanner(
             "thetastar",
@@ -326,7 +324,7 @@ class MaskConversion:
             ("rounding of this cost", f"{self.mean_quantisation:.4f} per metre on average,"),
             ("", f"{self.quantisation:.4f} at most"),
             *(
-                (f"{nav2_path.planner} for {nav2_path.name}", nav2_path.verdict_text)
+                (f"path of {nav2_path.planner} ({nav2_path.name})", nav2_path.verdict_text)
                 for nav2_path in self.paths
             ),
             *(

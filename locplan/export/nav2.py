@@ -367,8 +367,15 @@ def _write_mask(
             _write_vector_objects(temporary, shapes, grid.resolution)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
-        label = "speed limit [% of the robot's speed]" if is_speed else f"{kind} mask [0-100]"
-        above = f"{grid.name or 'map'}: {title}{format_costs_caption(costs)}"
+        label = (
+            "speed limit [% of the robot's speed]"
+            if is_speed
+            else "added cost [mask value, 0 to 100]"
+        )
+        effect = (
+            "the robot drives slowly" if is_speed else "Nav2's planner pays more and keeps away"
+        )
+        above = f"{grid.name or 'map'}. Dark: {effect}{format_costs_caption(costs)}"
         figure = _figures.values_figure(grid, values, label, above, is_speed, unturned.zones)
         _figures.save_preview(temporary, figure, dpi=90)
 

@@ -93,7 +93,7 @@ class AmbiguousPlaces:
         share = f"{100 * self.share:.0f} % of the places are ambiguous to one scan"
         starts = [f"{x:.1f},{y:.1f}" for x, y in self.starts.tolist()]
         if not starts:
-            return f"{share}, and no start is safe: set the pose"
+            return f"{share}, and no start is safe: set the initial pose"
         return f"{share}; safe starts: {' '.join(starts)}"
 
 

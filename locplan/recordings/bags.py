@@ -45,11 +45,11 @@ from locplan.recordings.logs import ReadOptions, RecordingSource, ScanRows
 from locplan.recordings.recording import Recording
 
 MAX_CHUNK_BYTES = 2**26
-"""Maximum size of a chunk, or of a message that is packed by itself, once it is unpacked."""
+"""Maximum unpacked size of a chunk, or of a single packed message."""
 MAX_RATIO = 100
-"""Maximum size of a file that is packed as a whole, once it is unpacked, to its own."""
+"""Maximum ratio of unpacked to packed size of a packed file."""
 MENDERS = {".mcap": "mcap recover", ".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
-"""The program that mends a damaged bag, by the suffix of the file."""
+"""Command that repairs a damaged bag, by the suffix of the file."""
 SUFFIXES: tuple[str, ...] = (*MENDERS,)
 BASES = ("base_footprint", "base_link", "base")
 """Usual names of a robot's frame, without a prefix."""
@@ -78,8 +78,9 @@ def read_bag(
         )
     rows = scans.rows
     if rows.n_resampled:
-        of = f"{rows.n_resampled} of {len(rows)}"
-        notes.append(f"scans of other angles were brought to those of the first ({of})")
+        notes.append(
+            f"{rows.n_resampled} of {len(rows)} scans were resampled to the angles of the first one"
+        )
     lidar = rows.make_lidar(scan_poses.mount, scan_poses.upside_down)
     ranges = rows.take_rows([scans.order[n] for n in usable_scans])
     if scan_poses.upside_down:
@@ -105,11 +106,13 @@ def _choose_scan_topic(bag: BagReader, requested_topic: str | None) -> str:
         if requested_topic in topics:
             return requested_topic
         have = ", ".join(topics) or f"none of type LaserScan, but {bag.describe_topics()}"
-        raise RecordingError(f"has no scans on {requested_topic}; scan_topic= can be: {have}")
+        raise RecordingError(
+            f"has no scans on {requested_topic}; set scan_topic= to one of: {have}"
+        )
     if not topics:
         raise RecordingError(
             f"has no scans (sensor_msgs/LaserScan); its topics are {bag.describe_topics()};"
-            " record one"
+            " record the lidar's topic"
         )
     if len(topics) > 1:
         topics = [topic for topic in topics if bag.count_messages([topic])] or topics
@@ -157,8 +160,8 @@ def _read_scans(
         if stamp < latest - 0.5:  # messages may be out of order, but not by this much
             raise RecordingError(
                 f"the clock of {topic} runs backwards by {latest - stamp:.3g} s at"
-                f" {(message.logged - bag.start) / 1e9:.3g} s; was simulated time reset? In"
-                " Python, read a part with window=(start, end) in seconds"
+                f" {(message.logged - bag.start) / 1e9:.3g} s; if simulated time was reset, read a"
+                " part of it in Python with window=(start, end) in seconds"
             )
         stamps_back += stamp < latest
         latest = max(latest, stamp)
@@ -168,7 +171,7 @@ def _read_scans(
         stamps.append(stamp)
     if not stamps:
         within = "" if options.window is None else " in the window"
-        raise RecordingError(f"has no scan on {topic}{within}; record again, or read another part")
+        raise RecordingError(f"has no scan on {topic}{within}; record it, or read another part")
     _, order = np.unique(np.array(stamps), return_index=True)
     return _BagScans(rows, order.tolist(), [stamps[n] for n in order], frame, stamps_back)
 
@@ -265,7 +268,7 @@ def _find_pose_topics(bag: BagReader, options: ReadOptions) -> dict[str, str]:
                 else ()
             )
             have = ", ".join(bag.find_topics(*pose_types, MessageType.ODOMETRY)) or "none"
-            raise RecordingError(f"has no poses on {name}; topics for {option}= are: {have}")
+            raise RecordingError(f"has no poses on {name}; set {option}= to one of: {have}")
     return topics
 
 
@@ -397,7 +400,7 @@ class BagPoses:
         """
         for topic in (self.options.pose_topic, self.options.odom_topic):
             if topic is not None and topic not in self.topics:
-                raise RecordingError(f"has no message on {topic} near the scans; name another one")
+                raise RecordingError(f"has no message on {topic} near the scans; use another topic")
         base = self._choose_base_frame()
         mount, upside_down = self._find_mount(base)
         reported, odometry_from = self._find_odometry(base)
@@ -413,16 +416,16 @@ class BagPoses:
                 else self.tree.moving_time_range
             )
             raise RecordingError(
-                f"no scan has a pose: {poses_from} is known from {begin:.3f} to {end:.3f} s, and"
-                f" the scans are from {self.times[0]:.3f} to {self.times[-1]:.3f} s; do both have"
-                " the same clock?"
+                f"no scan has a pose: {poses_from} covers {begin:.3f} to {end:.3f} s, but the scans"
+                f" cover {self.times[0]:.3f} to {self.times[-1]:.3f} s; check that both use the"
+                " same clock"
             )
         odometry = None if reported is None else reported[self.scan_time_indices]
         if odometry is not None:
             odometry_share = np.isfinite(odometry[is_located]).all(axis=1).mean()
             if odometry_share < 0.9:
                 self.notes.append(
-                    f"{odometry_from} tells odometry at only {odometry_share:.0%} of the scans"
+                    f"{odometry_from} has odometry at only {odometry_share:.0%} of the scans"
                 )
                 odometry, odometry_from = None, ""
         source = RecordingSource(
@@ -461,7 +464,7 @@ class BagPoses:
             base = self.options.base_frame.lstrip("/")
             if frames and base not in frames:
                 raise RecordingError(
-                    f"has no frame {base!r}; base_frame= can be: {', '.join(frames)}"
+                    f"has no frame {base!r}; set base_frame= to one of: {', '.join(frames)}"
                 )
             return base
         reported = [
@@ -482,8 +485,8 @@ class BagPoses:
             return candidates[0]
         if self.lidar_frame in frames:
             self.notes.append(
-                f"no frame is named as the robot's: the lidar's, {self.lidar_frame}, is taken for"
-                " it; name another one with base_frame="
+                f"no frame has a usual name of a robot's: the lidar's, {self.lidar_frame}, is used;"
+                " set another with base_frame="
             )
             return self.lidar_frame
         return reported[0] if reported else BASES[1]
@@ -495,7 +498,7 @@ class BagPoses:
             return self.options.mount, False
         if not self.tree.frames:
             self.notes.append(
-                "there is no TF: the lidar is taken to be at the robot's centre; see mount="
+                "there is no TF: the lidar is assumed at the robot's centre; set mount="
             )
             return (0.0, 0.0, 0.0), False
         pose = self.tree.pose(base, lidar)
@@ -503,21 +506,21 @@ class BagPoses:
         if pose is None or not len(pose):
             raise RecordingError(
                 f"TF does not connect the lidar's frame {lidar!r} with the robot's {base!r};"
-                f" connected are: {self.tree.describe_groups()}, though not at each time; give"
-                " mount=(x, y, yaw), or another base_frame="
+                f" connected at some times: {self.tree.describe_groups()}; set mount=(x, y, yaw),"
+                " or another base_frame="
             )
         up, flat = compute_uprightness(pose), project_to_plane(pose)
         tilt = math.degrees(math.acos(min(1.0, float(np.abs(up).min()))))
         if tilt > 10:
             raise RecordingError(
-                f"the lidar {lidar!r} is tilted by {tilt:.0f} deg on {base!r}; a plane map cannot"
-                " explain such scans; choose another scan_topic="
+                f"the lidar {lidar!r} is tilted by {tilt:.0f} deg on {base!r}, so its scans do not"
+                " match a 2D map; set another scan_topic="
             )
         flat[:, 2] = flat[0, 2] + wrap_angles(flat[:, 2] - flat[0, 2])
         if np.ptp(flat, axis=0).max() > 0.005:  # metres and radians
             raise RecordingError(
-                f"the lidar {lidar!r} moves on {base!r}, which looks like the robot's motion;"
-                " choose another scan_topic= or base_frame="
+                f"the lidar {lidar!r} moves relative to {base!r};"
+                " set another scan_topic= or base_frame="
             )
         x, y, yaw = flat[0].tolist()
         return (x, y, yaw), bool(up[0] < 0)
@@ -544,9 +547,8 @@ class BagPoses:
         is_expected = frame in tree.frames or self.options.map_frame != ReadOptions.map_frame
         if topic is None and reported is not None and not is_expected:
             self.notes.append(
-                f"there are no poses on the map: those of odometry ({odometry_source}) are taken,"
-                " in"
-                " their own frame"
+                f"there are no poses on the map: poses by odometry ({odometry_source}) are used, in"
+                " the odometry frame"
             )
             return reported[self.scan_time_indices], odometry_source, ""
         if topic is None:
@@ -554,13 +556,15 @@ class BagPoses:
         pose_topic = self.topics[topic]
         if pose_topic.track.left_out:
             self.notes.append(
-                f"{pose_topic.track.left_out} poses of {topic} are not numbers, and left out"
+                f"{pose_topic.track.left_out} poses of {topic} are not numbers and were dropped"
             )
         if pose_topic.track.empty:
-            raise RecordingError(f"the poses of {topic} are all not numbers (NaN, or no rotation)")
+            raise RecordingError(
+                f"all poses of {topic} are invalid (NaN, or no rotation); set another pose_topic="
+            )
         if pose_topic.frame != frame:
             self.notes.append(
-                f"the poses of {topic} are in {pose_topic.frame!r}, which is taken for the map's"
+                f"the poses of {topic} are in {pose_topic.frame!r}, which is used as the map frame"
             )
         poses = project_to_plane(pose_topic.track.interpolate())
         poses = poses[self.scan_time_indices] if pose_topic.kind == MessageType.ODOMETRY else poses
@@ -595,11 +599,11 @@ class BagPoses:
         if not self.tree.frames:
             return RecordingError(
                 f"has no poses: neither TF nor a topic of poses; its topics are {self.topic_list};"
-                f" record /tf and /tf_static too{other}"
+                f" also record /tf and /tf_static{other}"
             )
         return RecordingError(
             f"has no poses: TF does not connect {self.map_frame!r} with {base!r}; connected are:"
-            f" {self.tree.describe_groups()}; name others with map_frame= and base_frame={other}"
+            f" {self.tree.describe_groups()}; set map_frame= and base_frame={other}"
         )
 
     def _find_odometry(self, base: str) -> tuple[Floats | None, str]:
@@ -622,7 +626,7 @@ class BagPoses:
             return project_to_plane(self.topics[topics[0]].track.interpolate()), topics[0]
         if topics:
             self.notes.append(
-                f"odometry is on {' and '.join(topics)}, and none was taken; choose by odom_topic="
+                f"odometry is on {' and '.join(topics)}, so none was used; set odom_topic="
             )
         return None, ""
 
@@ -813,7 +817,7 @@ def _open_bag(path: Path) -> Iterator[BagReader]:
         lines = str(error).strip().splitlines() or [type(error).__name__]
         reason = lines[0].replace(f"{str(file)!r} ", "").replace(str(file), "it").rstrip(".")[:200]
         mender = MENDERS.get(file.suffix)
-        remedy = f"mend it with `{mender}`" if mender else "record it again"
+        remedy = f"repair it with `{mender}`" if mender else "record it again"
         raise RecordingError(f"cannot be read as a bag ({reason}); {remedy}") from None
 
 
@@ -826,7 +830,7 @@ def _find_storage(path: Path) -> Path:
     )
     if len(files) != 1:
         contents = ", ".join(storage_file.name for storage_file in files) or "no bag"
-        raise RecordingError(f"is a folder without metadata.yaml, with {contents}; name one file")
+        raise RecordingError(f"is a folder without metadata.yaml, with {contents}; pass one file")
     return files[0]
 
 

@@ -150,15 +150,15 @@ def fit_odometry_noise(
         total_turn,
     )
     if jumps:
-        notes.append(f"jumps of odometry against the recorded poses, which are left out: {jumps}")
+        notes.append(f"jumps between odometry and recorded poses were ignored: {jumps}")
     if smoothed:
-        notes.append("smoothed poses follow odometry between two updates: the alphas are too low")
+        notes.append("smoothed poses follow odometry between updates, so the alphas are too low")
     long_enough = len(stretches.way) >= min_stretches
     if not long_enough:
-        noise_estimate = " and ".join(f"{span:g}" for span in spans)
+        lengths_text = " and ".join(f"{span:g}" for span in spans)
         notes.append(
-            "the drive is too short to tell the drifts, which are not written: it has"
-            f" {len(stretches.way)} stretches of {noise_estimate} m, not {min_stretches}"
+            "the drive is too short to estimate drifts, so none are written: it has"
+            f" {len(stretches.way)} stretches of {lengths_text} m; {min_stretches} are needed"
         )
     values: list[Any] = [*alphas, *drifts, total_turn, len(updates), long_enough, tuple(notes)]
     return OdometryNoise(*values)
@@ -174,19 +174,19 @@ def _describe_fit_limits(
     notes = []
     if increments.has_noisier_poses(alphas, *pose_noise):
         notes.append(
-            "the recorded poses are noisier than the odometry between two updates of the filter:"
-            " the alphas are uncertain; record better poses, as of SLAM or motion capture"
+            "the recorded poses are noisier than the odometry between filter updates, so the"
+            " alphas are uncertain; record better poses, such as from SLAM or motion capture"
         )
     if total_turn < 2 * math.pi:
         notes.append(
-            f"the robot turned by {math.degrees(total_turn):.0f} deg in all, too little for alpha1,"
-            " alpha4 and the drifts of heading and turns, which are not written"
+            f"the robot turned by only {math.degrees(total_turn):.0f} deg in total, too little for"
+            " alpha1, alpha4 and the drifts of heading and turns, which are not written"
         )
     jumps = increments.compute_outlier_share(alphas, *pose_noise)
     if jumps > 0.01:
         notes.append(
-            f"{jumps:.0%} of the increments are beyond 5 standard deviations: the recorded poses"
-            " may jump, as those of a filter do"
+            f"{jumps:.0%} of the increments exceed 5 standard deviations: the recorded poses may"
+            " jump, as poses from a filter do"
         )
     return notes
 
@@ -640,9 +640,9 @@ class DriveCalibration:
         rows += [
             ["scatter of the ranges", *_format_noise(self.scans.range_sigma, "m")],
             ["outliers", *_format_noise(self.scans.outliers, "%")],
-            ["beams that are blocked", *_format_noise(self.scans.blocked, "%")],
+            ["blocked beams", *_format_noise(self.scans.blocked, "%")],
             ["scans with an object in view", *_format_noise(self.scans.occlusion, "%")],
-            ["angle of this object", *_format_noise(self.scans.occlusion_deg, "deg")],
+            ["angle of the object", *_format_noise(self.scans.occlusion_deg, "deg")],
         ]
         rows += [
             [text, *_format_noise(getattr(self.odometry, name), unit)]
@@ -652,7 +652,7 @@ class DriveCalibration:
                 ("odometry: drift of the heading", "heading_drift_deg", "deg/√m"),
                 ("odometry: drift in turns", "turn_drift_deg", "deg/√rad"),
                 ("odometry: bias of distances", "distance_bias", ""),
-                ("odometry: bend to one side", "heading_bias_deg", "deg/m"),
+                ("odometry: curvature of straight paths", "heading_bias_deg", "deg/m"),
                 ("odometry: bias of turns", "turn_bias", ""),
                 ("recorded poses: noise of the position", "position_noise", "m"),
                 ("recorded poses: noise of the heading", "heading_noise_deg", "deg"),
@@ -667,7 +667,7 @@ def _format_noise(interval: Interval, unit: str) -> tuple[str, str]:
     """Format a value with its unit, and its interval."""
     factor = 100.0 if unit == "%" else 1.0
     value, low, high = (f"{0 if abs(bound) < 2e-5 else factor * bound:.3g}" for bound in interval)
-    return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"{low} to {high}"
+    return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"[{low}, {high}]"
 
 
 def calibrate_drive(
@@ -736,8 +736,8 @@ def calibrate_drive(
     notes = []
     if scans.set_apart:
         notes.append(
-            f"{scans.set_apart} of {scans.set_apart + scans.scans} scans fit the map nowhere near"
-            " their poses, and are left out"
+            f"{scans.set_apart} of {scans.set_apart + scans.scans} scans do not fit the map near"
+            " their poses and were ignored"
         )
     changes = scans.settings()
     faults = find_recording_faults(recording, grid)
@@ -747,14 +747,14 @@ def calibrate_drive(
         notes += odometry.notes
         changes |= odometry.settings()
         notes.append(
-            "these alphas are the odometry's own, and not written as the filter's, whose particles"
-            " must mostly spread more; locplan tune --recording tries larger ones"
+            "the alphas describe odometry and are not written to the filter, whose particles must"
+            " usually spread more; locplan tune --recording tries larger alphas"
         )
     elif recording.odometry is None:
-        notes.append("the drive has no odometry: that of simulations stays as it was")
+        notes.append("the drive has no odometry, so the simulated odometry is unchanged")
     else:
         notes.append(
-            f"the drive has fewer than {MIN_UPDATES} updates of the filter, too few for the noise"
-            " of odometry, which stays as it was"
+            f"the drive has fewer than {MIN_UPDATES} filter updates, too few for the noise of"
+            " odometry, which is unchanged"
         )
     return DriveCalibration(recording, scans, odometry, robot.with_settings(changes), tuple(notes))

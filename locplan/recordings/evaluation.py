@@ -59,14 +59,13 @@ def check_scan_counts(n_fitting: int, n_scans: int) -> None:
     """Raise a RecordingError if fewer than ten scans of a drive fit the map."""
     if n_scans < 10:
         raise RecordingError(
-            f"the drive has {n_scans} scans, too few: 10 are needed; read more of them (every=), or"
-            " record a longer one"
+            f"the drive has only {n_scans} scans; at least 10 are needed. Lower every=, or record a"
+            " longer drive"
         )
     if n_fitting < 10:
         raise RecordingError(
-            f"{n_fitting} of {n_scans} scans fit the map and lie in its free space,"
-            f" too few; is it the"
-            " right map, and are the poses in its frame? See locplan.recordings.fit_to_map"
+            f"only {n_fitting} of {n_scans} scans fit the map and lie in its free space. Check the"
+            " map and the frame of the poses with locplan.recordings.fit_to_map"
         )
 
 
@@ -198,7 +197,7 @@ def match_scans(
     usable_scans = np.flatnonzero(inside & (returns >= min(MIN_RETURNS, beams)))
     if not usable_scans.size:
         raise RecordingError(
-            "no scan with enough returns was taken on this map; is it the right one? See"
+            "no scan on this map has enough returns. Check the map and the poses with"
             " locplan.recordings.fit_to_map"
         )
     _ = matcher.kernel_arguments  # computed once, before threads need it
@@ -300,14 +299,14 @@ def compute_agreement(
 
 
 PREFERRED = ("fused", "scan", "fisher", "sad")
-"""The estimators, the one that is named first where it ranks the scans better than chance."""
+"""Estimators in the order of preference in verdicts."""
 
 MAX_OUTDATED = 0.3
-"""Share of scans that do not fit the map from which on nothing else is concluded."""
+"""Maximum share of scans that do not match the map for a comparison of estimators."""
 LEGEND = (
-    "predicted against measured deviations of the position [95 % intervals, stretches of 10 m];"
-    "\nAUC: for the worst fifth; direction: share of long ellipses right to 15 deg; factor:"
-    " predicted\nover measured"
+    "predicted against measured standard deviations of the position [95 % interval, blocks of 10 m]"
+    "\nAUC: for the worst fifth; direction: long ellipses within 15 deg; factor: predicted /"
+    " measured"
 )
 """Explanation of the columns of the report's table."""
 
@@ -371,10 +370,8 @@ class DriveEvaluation(DrawableResult):
         if n_outdated > MAX_OUTDATED * len(self.is_outdated):
             return [
                 f"{n_outdated} of {len(self.is_outdated)} scans do not fit the map at their"
-                " poses: check"
-                " how the lidar is mounted (mount), the poses, and that the map is of this place"
-                " and time.",
-                "Until then the comparison with the fields says little.",
+                " poses: check the mount of the lidar, the poses, and that the map is current.",
+                "The comparison with the fields is meaningless until the scans fit.",
             ]
         return [
             _describe_fields(self.agreements),
@@ -387,8 +384,8 @@ class DriveEvaluation(DrawableResult):
         nine_of_ten = float(np.quantile(std[compared], 0.9))
         if nine_of_ten <= 0.1:
             return (
-                f"Nine of ten scans fix the position within {100 * nine_of_ten:.0f} cm: there is"
-                " little to gain by other ways"
+                f"In 90 % of the scans, the standard deviation of the position is below"
+                f" {100 * nine_of_ten:.0f} cm, so other routes gain little"
             )
         block_numbers, number, counts = np.unique(
             blocks[compared], return_inverse=True, return_counts=True
@@ -396,16 +393,13 @@ class DriveEvaluation(DrawableResult):
         worst = block_numbers[np.argmax(np.bincount(number, np.log(std[compared])) / counts)]
         is_worst = compared & (blocks == worst)
         count, median = int(is_worst.sum()), float(np.median(std[is_worst]))
-        scans = "the only scan compared fixes" if count == 1 else f"{count} scans fix"
+        scans = "the only compared scan has" if count == 1 else f"{count} scans have"
         n_blocks = len(np.unique(blocks))
         left = n_blocks - len(block_numbers)
-        without = (
-            f"; {left} of {n_blocks} stretches of 10 m have no scan to compare" if left else ""
-        )
+        without = f"; {left} of {n_blocks} blocks of 10 m have no compared scan" if left else ""
         return (
-            f"The worst 10 m lie around {self._format_mean_position(is_worst)}, where {scans} the"
-            " position to"
-            f" {100 * median:.0f} cm along"
+            f"The worst 10 m are around {self._format_mean_position(is_worst)}: {scans} a"
+            f" standard deviation of {100 * median:.0f} cm along"
             f" {_compute_mean_axis_degrees(self.matches.direction[is_worst])}°{without}"
         )
 
@@ -417,10 +411,8 @@ class DriveEvaluation(DrawableResult):
         block_numbers, counts = np.unique(blocks[outdated], return_counts=True)
         is_worst = outdated & (blocks == block_numbers[np.argmax(counts)])
         return (
-            f"; {outdated.sum()} of {len(outdated)} scans saw what is not on the map, most around"
-            f" {self._format_mean_position(is_worst)}: people, changes, or what a map leaves out,"
-            " such"
-            " as plants"
+            f"; {outdated.sum()} of {len(outdated)} scans do not match the map, most around"
+            f" {self._format_mean_position(is_worst)}: people, changes, or plants"
         )
 
     def _format_mean_position(self, is_chosen: NDArray[np.bool_]) -> str:
@@ -439,10 +431,10 @@ class DriveEvaluation(DrawableResult):
             ("drive", repr(matches.recording)),
             ("scans compared", f"{compared.sum()} of {len(matches)}"),
             (
-                "set apart",
-                f"{n_outdated} that saw what is not on the map, {n_off} off the free space",
+                "excluded",
+                f"{n_outdated} that do not match the map, {n_off} outside of free space",
             ),
-            ("deviation", f"median {middle:.1f} cm, 10 to 90 %: {low:.1f} to {high:.1f} cm"),
+            ("std. deviation", f"median {middle:.1f} cm, 10 to 90 %: {low:.1f} to {high:.1f} cm"),
         ]
         columns = ["", "rank correlation", "AUC", "direction", "factor"]
         estimators = [[name, *agreement.table_cells] for name, agreement in self.agreements.items()]
@@ -579,29 +571,27 @@ def _describe_fields(agreements: Mapping[str, PredictionAgreement]) -> str:
         rank, factor = ranks[name], agreements[name].factor
         if rank.spearman.value >= 0.5:  # good enough to plan by
             return (
-                f"On this drive `{name}` says where the scans fix the pose badly: rank correlation"
-                f" {format_ratio(rank.spearman)}, AUC {format_ratio(rank.auc)} for the worst"
-                " fifth, and its"
-                f" deviations are {format_decimal(factor.value)} times the measured ones."
+                f"On this drive, `{name}` predicts where scans leave the pose uncertain: rank"
+                f" correlation {format_ratio(rank.spearman)}, AUC {format_ratio(rank.auc)} for the"
+                f" worst fifth. Its standard deviations are {format_decimal(factor.value)} times"
+                " the measured ones."
             )
     best = max(names, key=lambda name: ranks[name].spearman.value)
     rank = ranks[best]
     if math.isnan(rank.spearman.low):
         return (
-            f"The drive is too short to tell whether a field is right: `{best}` has a rank"
-            f" correlation of {format_decimal(rank.spearman.value)}, but less than 50 m were"
-            " compared."
+            f"The drive is too short to evaluate fields: `{best}` has a rank correlation of"
+            f" {format_decimal(rank.spearman.value)}, but less than 50 m were compared."
         )
     if best in significant:
         return (
-            f"The fields rank the scans of this drive only a little better than chance (`{best}`"
+            f"The fields rank the scans of this drive only slightly better than chance (`{best}`"
             f" {format_ratio(rank.spearman)}, AUC {format_ratio(rank.auc)}): look at the picture"
-            " before you plan"
-            " by one."
+            " before you plan with one."
         )
     return (
         f"No field ranks the scans of this drive better than chance (`{best}`"
-        f" {format_ratio(rank.spearman)}): do not plan by a field here before you know why."
+        f" {format_ratio(rank.spearman)}): find out why before you plan with a field here."
     )
 
 

@@ -332,9 +332,8 @@ class WrongSigns:
         """Sentence for people."""
         pose, velocity = ("forward", "negative") if self.is_negative else ("back", "positive")
         return (
-            f"Odometry's pose moves {pose} at {self.n_opposite:,} of"
-            f" {self.n_compared:,} steps with a {velocity}"
-            " velocity. Its driver confuses the sign: correct it, and record again."
+            f"Odometry's pose moves {pose} at {self.n_opposite:,} of {self.n_compared:,} steps"
+            f" with a {velocity} velocity. Correct the sign in its driver, and record again."
         )
 
 
@@ -409,17 +408,15 @@ class RecordingFaults:
         if self.drops_sign:
             texts.append(
                 f"Odometry moves forward at {self.n_reversed_steps:,} of {self.n_backward_steps:,}"
-                " places"
-                f" where the scans move back ({self.reversed_way:.2g} m). Probably the driver drops"
-                " the sign of the velocity."
+                f" places where the scans move back ({self.reversed_way:.2g} m). Probably the"
+                " driver drops the sign of the velocity."
             )
         elif self.disagreements:
             worst = max(self.disagreements, key=lambda place: place.error)
             texts.append(
-                "Odometry and scans disagree by more than 0.15 m a step at"
+                "Odometry and scans disagree by more than 0.15 m per step at"
                 f" {_format_place_count(len(self.disagreements))}, most at"
-                f" {_format_position(worst)}, by"
-                f" {worst.error:.1f} m."
+                f" {_format_position(worst)}, by {worst.error:.1f} m."
             )
         if self.n_jumps:
             resets = f", to its start at {self.n_resets:,} of them" if self.n_resets else ""

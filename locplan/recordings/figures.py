@@ -86,7 +86,7 @@ def drive_figure(drive_evaluation: DriveEvaluation) -> Figure:
     ]
     if drive_evaluation.is_outdated.any():
         count = int(drive_evaluation.is_outdated.sum())
-        label = f"{count} scan{'s' * (count > 1)} unlike the map"
+        label = f"{count} scan{'s' * (count > 1)} not matching the map"
         handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
     figure.key(handles, ncols=2, at="upper center")
     _draw_profile(
@@ -237,7 +237,7 @@ def replay_figure(replay: Replay) -> Figure:
         linewidth=1.4,
         color=FILTER,
         linestyle="--",
-        label="rms deviation by the filter",
+        label="rms deviation reported by the filter",
     )
     top = 1.1 * max(float(high.max()), float(deviation[has_deviation].max(initial=0.0)))
     if top > LOST_DISTANCE / 2:
@@ -299,16 +299,16 @@ def trajectory_figure(drive_trajectory: Trajectory) -> Figure:
     lower.plot(way, deviation, color=PREDICTED, linewidth=1.8)
     lower.plot(way[doubtful], deviation[doubtful], "x", color=FILTER, markersize=4)
     lower.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="position [cm]")
-    lower.set_ylim(bottom=deviation.min() / 5)  # by chance some poses are the log's own
+    lower.set_ylim(bottom=deviation.min() / 5)  # by chance some poses equal the log's poses
     label_with_plain_numbers(lower.yaxis)
     handles = [
         Line2D([], [], color="0.5", linewidth=4, label="trajectory"),
-        Line2D([], [], color=RECORDED, linewidth=0.8, label="log's own poses; their distance"),
+        Line2D([], [], color=RECORDED, linewidth=0.8, label="poses of the log; their distance"),
         Line2D([], [], color=PREDICTED, linewidth=1.8, label="std. dev. of the position"),
     ]
     if doubtful.any():
         handles.append(
-            Line2D([], [], marker="x", label="not to be trusted", color=FILTER, linestyle="")
+            Line2D([], [], marker="x", label="doubtful pose", color=FILTER, linestyle="")
         )
     if drive_trajectory.jumps:
         handles.append(

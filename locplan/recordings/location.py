@@ -65,27 +65,25 @@ def format_drive_sentence(is_certain: Bools, is_fitting: Bools, is_right: Bools 
     """
     count = len(is_certain)
     limits = f"{NEAR:g} m and {np.degrees(MAX_TURN):.0f}°"
-    certainty_text = f"have no second place within {CERTAIN:g} nats"
+    certainty_text = f"have no alternative place within {CERTAIN:g} nats"
     if is_right is not None:
         text = (
             f"{int(is_right.sum())} of {count} scans are located within {limits} of the recorded"
-            " pose."
-            f" {int(is_certain.sum())} {certainty_text}, and {int((is_right & is_certain).sum())}"
-            " of these"
-            " are right."
+            f" pose. {int(is_certain.sum())} {certainty_text};"
+            f" {int((is_right & is_certain).sum())} of these are correct."
         )
         if is_certain.any() and is_right[is_certain].mean() < AGREE:
             return text + (
-                " The recorded poses hardly agree with the map: check that they are in its frame,"
-                " and how the lidar is mounted."
+                " The recorded poses do not agree with the map: check their frame, and the mount of"
+                " the lidar."
             )
     else:
         n_certain = int(is_certain.sum())
         text = f"{n_certain} of {count} scans {certainty_text}. The drive has no poses on the map."
     if is_fitting.mean() < AGREE:
         text += (
-            f" Careful: only {int(is_fitting.sum())} of {count} scans have most of their returns at"
-            " walls: people, changes, or the map of another place."
+            f" Only {int(is_fitting.sum())} of {count} scans have most of their returns at walls:"
+            " check for people, changes, or a wrong map."
         )
     return text
 
@@ -195,8 +193,7 @@ class Location(DrawableResult):
                 f"The robot is at {_format_mode_pose(self.best)} (±"
                 f" {100 * self.best.position_std:.0f} cm,"
                 f" {math.degrees(self.best.heading_std):.1f}°): no other place{region_text}"
-                " explains the"
-                f" scan within {CERTAIN:g} nats."
+                f" explains the scan within {CERTAIN:g} nats."
             )
         elif len(similar_modes) <= 3:
             count = ("Two", "Three")[len(similar_modes) - 2]
@@ -211,15 +208,13 @@ class Location(DrawableResult):
             count_suffix = "or more " if cut and len(similar_modes) == len(self.modes) else ""
             text = (
                 f"{len(similar_modes)} {count_suffix}places{region_text} look alike; the best,"
-                f" {_format_mode_pose(self.best)}, has"
-                f" {self.best.weight:.0%} of the posterior."
+                f" {_format_mode_pose(self.best)}, has {self.best.weight:.0%} of the probability."
             )
         if self.fits:
             return text
         return (
-            f"{text} Careful: only {self.explained_share:.0%} of the returns end at"
-            f" walls there: people,"
-            " changes, or the map of another place."
+            f"{text} Only {self.explained_share:.0%} of the returns end at walls there: check for"
+            " people, changes, or a wrong map."
         )
 
     def table(self) -> Table:
@@ -397,7 +392,7 @@ class LocatedDrive(Result):
             [np.quantile(error_values, (0.5, 0.9)) for error_values in (distances, turn)]
         )
         median, below = (f"{distance:.1f} cm, {angle:.2f}°" for distance, angle in at)
-        return [f"Errors of these: median {median}; nine of ten below {below}."]
+        return [f"Errors of the correct locations: median {median}; 90 % below {below}."]
 
     def _write(self, folder: FilePath) -> None:
         if self.single_location:
@@ -463,8 +458,7 @@ WITHIN = 3.0
 COUNT = 10
 """Default maximum number of modes."""
 STEPS, STEP = 5, 0.1
-"""Number of steps to each side in the refinement of a mode, and their"
-" length, at least a cell [m]."""
+"""Number of steps to each side in the refinement of a mode, and their minimum length [m]."""
 TURNS_ASIDE, TURN = 5, math.radians(2.0)
 """Number of turns to each side in the refinement of a mode, and their angle [rad]."""
 
@@ -589,10 +583,8 @@ def locate_scan(
     ends = database.select_compared_ends(on_robot[0])
     if scan_modes.n_returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
         raise NotLocatedError(
-            f"the scan has too few returns, {int(np.isfinite(ranges).sum())}, to know where it was"
-            f" taken; at least {MIN_RETURNS} of {int(places.matching.is_in_view.sum())}"
-            " directions need"
-            " one"
+            f"the scan has too few returns ({int(np.isfinite(ranges).sum())}) to locate it; at"
+            f" least {MIN_RETURNS} of {int(places.matching.is_in_view.sum())} directions need one"
         )
     # Refine the modes, and the best starts as well: people around the robot can lead the first
     # refinement, which has a wide standard deviation, away from the true pose.
@@ -657,15 +649,15 @@ def _check_scan(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Float
     """Check a scan; return its ranges, inf without a return, and its lidar."""
     if isinstance(scan, Recording):
         if lidar is not None and lidar != scan.lidar:
-            raise ConfigError("the recording has a lidar of its own; leave lidar out")
+            raise ConfigError("the recording has another lidar; omit lidar")
         if len(scan) != 1:
             raise ConfigError(
-                f"one scan is located at a time, not {len(scan)}; take drive[n : n + 1], or"
-                " locplan.recordings.location.locate_drive for all"
+                f"one scan is located at a time, not {len(scan)}; use drive[n : n + 1], or"
+                " locplan.recordings.location.locate_drive for all scans"
             )
         return scan.ranges[0].astype(np.float64), scan.lidar
     if lidar is None:
-        raise ConfigError("name the lidar that took the scan; only a recording knows its own")
+        raise ConfigError("an array of ranges needs a lidar; pass lidar=")
     check_instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
     try:
         ranges = np.array(scan, np.float64)
@@ -680,14 +672,13 @@ def _check_scan(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Float
         )
     if np.isnan(ranges).any():
         raise ConfigError(
-            f"the range of beam {int(np.argmax(np.isnan(ranges)))} is NaN; give inf where there is"
-            " no return"
+            f"the range of beam {int(np.argmax(np.isnan(ranges)))} is NaN; use inf for no return"
         )
     returns = lidar.has_return(ranges.astype(np.float32))
     if not returns.any():
         raise ConfigError(
-            f"no beam of the scan ends within {lidar.min_range:g} to {lidar.range:g} m; are the"
-            " ranges in metres, and the lidar's right?"
+            f"no beam of the scan ends within {lidar.min_range:g} to {lidar.range:g} m; check that"
+            " the ranges are in metres, and the lidar"
         )
     return np.where(returns, ranges, np.inf), lidar
 
@@ -755,7 +746,5 @@ def locate_drive(
 
     locations = run_in_batches(locate_batch, len(recording), workers, progress)
     if not any(locations):
-        raise RecordingError(
-            f"none of {len(recording)} scans has enough returns to know where it was taken"
-        )
+        raise RecordingError(f"none of {len(recording)} scans has enough returns to locate it")
     return LocatedDrive(recording, grid, tuple(locations))

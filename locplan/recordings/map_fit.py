@@ -79,10 +79,10 @@ class RangeFit:
             true = grid.resolution * self.factor.value
             yield MapFault(
                 "resolution",
-                f"ranges are {value:+.1f} [{low:+.1f}, {high:+.1f}] % longer than on the map:"
+                f"ranges differ from the map by {value:+.1f} % [{low:+.1f}, {high:+.1f}]:"
                 f" resolution {grid.resolution:.4g} should be {true:.3g}",
-                f"set resolution: {true:.3g} in its YAML, and scale its origin likewise, if the"
-                " lidar's ranges are right",
+                f"if the lidar's ranges are right, set resolution: {true:.3g} in the map's YAML and"
+                " scale its origin by the same factor",
                 is_certain=True,
             )
         cells, low, _ = (bound / grid.resolution for bound in self.depth)
@@ -90,9 +90,9 @@ class RangeFit:
             yield MapFault(
                 "deep walls",
                 f"beams end {cells:.1f} cells ({100 * self.depth.value:.0f} cm) behind the map's"
-                " surfaces: walls are inflated, or smeared by mapping",
-                "give the filter a map that is not inflated; this one is not hollowed, since the"
-                " truth lies inside of its walls",
+                " surfaces: walls are inflated, or blurred by mapping",
+                "give the filter a map without inflated walls; these walls are not hollowed,"
+                " because the true surfaces are inside",
                 is_certain=True,
             )
 
@@ -261,25 +261,25 @@ class MapFit:
         if self.fits:
             return f"The map fits: {now}."
         if self.mount:
-            return f"The lidar seems to be {self.mount}: {now}; give its mount= when reading."
+            return f"The lidar seems to be {self.mount}: {now}. Set mount= when reading the drive."
         if self.is_shifted:
             x, y, turn = self.move
             origin = ", ".join(f"{value:.3f}" for value in self.origin)
             return (
                 f"The map seems shifted: {now}, and {self.best_share:.0%} with the drive turned by"
-                f" {math.degrees(turn):.1f} deg about the origin and moved by {x:.2f},{y:.2f} m;"
-                f" set origin: [{origin}] in the map's YAML, or take"
+                f" {math.degrees(turn):.1f} deg about the origin and moved by {x:.2f},{y:.2f} m."
+                f" Set origin: [{origin}] in the map's YAML, or use"
                 f" drive.move({x:.3f}, {y:.3f}, {turn:.4f})."
             )
         if self.ranges:
             return (
-                f"The map's resolution seems wrong: {now}; multiply resolution and origin in its"
-                f" YAML by {self.ranges.factor.value:.4f}, if the lidar's ranges are right."
+                f"The map's resolution seems wrong: {now}. If the lidar's ranges are right,"
+                f" multiply resolution and origin in its YAML by {self.ranges.factor.value:.4f}."
             )
         return (
-            f"The map does not fit: {now}, and {self.best_share:.0%} at best wherever the drive is"
-            " moved; take the map of this place and time, and check the lidar's mount, and that the"
-            " poses are not odometry alone."
+            f"The map does not fit: {now}, and {self.best_share:.0%} after the best move. Use a"
+            " current map of this building, and check the lidar's mount and the source of the"
+            " poses."
         )
 
 
@@ -336,9 +336,7 @@ def fit_to_map(
     check_instance("recording", recording, Recording)
     check_grid(grid)
     if not (grid.cells == OCCUPIED).any():
-        raise RecordingError(
-            f"{grid.name or 'the map'} has no walls, that beams could end at; take another map"
-        )
+        raise RecordingError(f"{grid.name or 'the map'} has no walls; use another map")
     distance, near = find_cells_near_walls(grid)
     sample = _select_beam_sample(recording)
     ends = sample.ends()
@@ -405,7 +403,7 @@ def check_recording_on_map(
         + (
             fault
             or f"only {share:.0%} of its ranges agree with the walls ({SAME_PLACE:.0%} are needed);"
-            " name the map of the building where it was taken"
+            " use the map of the building where it was recorded"
         )
     )
 
@@ -729,13 +727,13 @@ class MapMisfits:
         grid : OccupancyGrid
             The map.
         """
-        remedy = "here the scans do not fit the map: see what stands there, and map it again"
+        remedy = "check these places, and map them again"
         if self.false_share > MAX_FALSE_SHARE:
-            description = f"{self.false_share:.1%} of the walls in view are seen through"
+            description = f"scans pass through {self.false_share:.1%} of the walls in view"
             boxes = find_bounding_boxes(grid, self.false)
             yield MapFault("false walls", description, remedy, is_certain=True, boxes=boxes)
         if self.missing.sum() * grid.resolution > MAX_MISSING_LENGTH:
-            description = f"{1 - self.share_at_walls:.0%} of the beams end at no wall"
+            description = f"{1 - self.share_at_walls:.0%} of the beams end away from walls"
             boxes = find_bounding_boxes(grid, self.missing)
             yield MapFault("missing walls", description, remedy, is_certain=True, boxes=boxes)
 
@@ -779,13 +777,13 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> MapMis
     name = grid.name or "the map"
     if math.isinf(deviation):
         raise RecordingError(
-            f"no scan fits {name} near its pose; give a drive of this map, with poses on it"
+            f"no scan fits {name} near its pose; use a drive on this map, with poses in its frame"
         )
     if deviation > BAD_POSES:
         raise RecordingError(
-            f"the poses are off by {deviation:.2f} m from where their scans fit {name},"
-            f" too much to tell false walls by (at most {BAD_POSES:g} m);"
-            " find the ground truth with locplan recording FILE MAP -o drive.npz"
+            f"the poses are {deviation:.2f} m away from where their scans fit {name}, too far to"
+            f" find wrong walls (at most {BAD_POSES:g} m); compute the ground truth with locplan"
+            " recording FILE MAP -o drive.npz"
         )
     parts = [_place_beams_on_map(grid, recording) for recording in recordings]
     beams = _MapBeams(

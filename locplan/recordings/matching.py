@@ -377,12 +377,12 @@ def make_range_database(grid: OccupancyGrid, matching: MatchingSettings) -> Rang
 
     occupied = grid.cells == OCCUPIED
     if not occupied.any():
-        raise ConfigError(f"{grid.name or 'the map'} has no occupied cell that a beam could meet")
+        raise ConfigError(f"{grid.name or 'the map'} has no walls; use another map")
     fits = find_reachable_cells(grid, matching.robot_radius)
     if not fits.any():
         raise ConfigError(
-            f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
-            f" {grid.name or 'the map'}; give a smaller radius"
+            f"a robot of radius {matching.robot_radius:g} m fits nowhere on"
+            f" {grid.name or 'the map'}; use a smaller radius"
         )
     tables = make_loss_tables(grid, matching, fits)
     positions = select_spaced_places(0.4, _find_lidar_cells(grid, matching, fits), grid.resolution)
@@ -583,8 +583,8 @@ class ScanDatabase:
         is_near = full_database.fits & (_compute_distances(grid, xy) <= within)
         if not is_near.any():
             raise ConfigError(
-                f"the robot has no place within {within:g} m of the {len(xy)} positions that it"
-                f" may be near; are they in the frame of {grid.name or 'the map'}?"
+                f"the robot fits nowhere within {within:g} m of the {len(xy)} positions; check that"
+                f" they are in the frame of {grid.name or 'the map'}"
             )
         return _restrict_database(full_database, is_near)
 
@@ -620,9 +620,7 @@ def resolve_database(
         database = get_database(grid, lidar, check_number("clearance", clearance, 0.0))
     check_instance("database", database, ScanDatabase)
     if database.grid != grid or database.lidar != lidar:
-        raise ConfigError(
-            "the database is of another map or lidar; make ScanDatabase(grid, lidar) of these"
-        )
+        raise ConfigError("the database is for another map or lidar; use ScanDatabase(grid, lidar)")
     return database
 
 

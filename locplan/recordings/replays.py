@@ -81,8 +81,8 @@ def find_sparse_scan_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
     if spacing <= 1.5 * max(amcl.update_min_d, Amcl().update_min_d):
         return ()
     return (
-        f"the filter updated every {spacing:.2g} m for lack of scans, in place of every"
-        f" {amcl.update_min_d:g} m: with all scans of the robot it errs less",
+        f"the log has a scan only every {spacing:.2g} m, but AMCL updates every"
+        f" {amcl.update_min_d:g} m, so expect a smaller error with all scans",
     )
 
 
@@ -100,20 +100,19 @@ class ReplayInputs:
         if recording.odometry is None:
             raise RecordingError(
                 f"{recording.source.file or 'the recording'} has no odometry, which a replay needs;"
-                " record it, too, or name its topic with odom_topic="
+                " record it as well, or set its topic with odom_topic="
             )
         recorded_length, reported_length = recording.length, compute_path_length(recording.odometry)
         if reported_length < 0.1 * recorded_length:
             raise RecordingError(
-                f"the odometry moves by {reported_length:.1f} m, but the poses by"
-                f" {recorded_length:.1f} m; is it the"
-                " right topic, and was it recorded?"
+                f"the odometry moves by only {reported_length:.1f} m, but the poses by"
+                f" {recorded_length:.1f} m; check the topic of odometry"
             )
         x, y, _ = recording.poses[0].tolist()
         if not grid.contains(*grid.cell((x, y))):
             raise RecordingError(
-                f"the drive begins at {x:.2f},{y:.2f}, off {grid.name or 'the map'}, which reaches"
-                f" from {format_extent(grid)}; is it the right one? See"
+                f"the drive begins at {x:.2f},{y:.2f}, outside of {grid.name or 'the map'}, which"
+                f" reaches from {format_extent(grid)}. Check the map with"
                 " locplan.recordings.fit_to_map"
             )
         self.odometry: Floats = recording.odometry
@@ -226,21 +225,19 @@ class FilterConsistency:
         """Verdict on the covariances, for people."""
         if self.updates < 10:
             return (
-                f"The filter resampled its particles at {self.updates} of the scans, too few to"
-                " judge its covariance."
+                f"The filter resampled its particles at only {self.updates} scans, too few to"
+                " evaluate its covariance."
             )
-        share = f"{self.share_within.value:.0%} of the recorded positions lie in its 95% ellipse"
+        share = f"{self.share_within.value:.0%} of the recorded positions are in its 95 % ellipse"
         if self.share_within.value < 0.85:
             return (
-                f"The filter is overconfident: {share}, which would have to be"
-                f" {self.ellipse_factor:.1f}"
-                " times as wide; or the recorded poses are off by as much."
+                f"The filter is overconfident: {share}, which should be {self.ellipse_factor:.1f}"
+                " times as wide, unless the recorded poses are inaccurate."
             )
         if self.share_within.value > 0.98 and self.ellipse_factor < 0.7:
             return (
-                f"The filter says that it is unsure: {share}, which could be"
-                f" {self.ellipse_factor:.1f} times"
-                " as wide."
+                f"The filter overestimates its error: {share}, which could be"
+                f" {self.ellipse_factor:.1f} times as wide."
             )
         return f"The filter's covariance agrees with its errors: {share}."
 
@@ -338,27 +335,26 @@ class Replay(Result):
         if self.is_sparse:
             note = self.notes[0]
             if not drives.lost.any():
-                return f"It was never {LOST_TEXT}, although {note}."
+                return f"The filter was never {LOST_TEXT}, although {note}."
             return (
-                f"This log has too few scans to tell how often the filter is lost: {note}."
+                f"This log has too few scans to measure how often the filter gets lost: {note}."
                 " Record every scan."
             )
         if lost < 0.05:
             return self.consistency.sentence
         sentence = (
             f"The filter is {LOST_TEXT} at some time in {lost:.0%} of the runs, and on"
-            f" {drives.lost_way.value:.0%} of the way."
+            f" {drives.lost_way.value:.0%} of the path."
         )
         if math.isfinite(drives.first_loss):
             at = int(np.searchsorted(drives.distance, drives.first_loss))
             x, y, _ = self.recording.poses[at].tolist()
-            sentence += f" It is lost first after {drives.first_loss:.0f} m, near {x:.1f},{y:.1f}."
+            sentence += (
+                f" It first gets lost after {drives.first_loss:.0f} m, near {x:.1f},{y:.1f}."
+            )
         if has_default_preset_parameters(self.robot.amcl):
-            return f"{sentence} locplan tune --recording looks for settings that hold."
-        return (
-            f"{sentence} Look there: whether the map is right, and how far odometry drifts (locplan"
-            " recording FILE MAP)."
-        )
+            return f"{sentence} Run locplan tune --recording to find better settings."
+        return f"{sentence} Check the map and the odometry there (locplan recording FILE MAP)."
 
     @property
     def is_sparse(self) -> bool:
@@ -436,13 +432,13 @@ def replay(
     grid : OccupancyGrid
         The map; the poses are in its world frame.
     robot : Robot, optional
-        The robot: its filter, and the deviation of the filter's first pose, are read; Nav2's
-        defaults without it.
+        The robot, with its filter and the error of the filter's first pose; by default Nav2's
+        settings.
     runs : int, default 20
-        Number of runs, 1 to 10,000, which have random numbers of their own. Raise it to tell how
-        often a filter is lost.
+        Number of runs with different random numbers, 1 to 10,000. Raise it to measure how often
+        the filter gets lost.
     filter_map : OccupancyGrid, optional
-        The filter's map in the same frame, where it differs from `grid`.
+        The filter's map in the same frame, if it differs from `grid`.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
@@ -508,8 +504,8 @@ def replay_report(replay: Replay) -> str:
         column for column in DRIVE_COLUMNS if column not in RATE_COLUMNS or not replay.is_sparse
     ]
     of_filter = [
-        ("within the 95% ellipse", share),
-        ("rms deviation by the filter", format_metres(consistency.filter_std)),
+        ("within the 95 % ellipse", share),
+        ("rms deviation reported by the filter", format_metres(consistency.filter_std)),
     ]
     rows = [
         ("map", replay.grid.name),
@@ -519,8 +515,8 @@ def replay_report(replay: Replay) -> str:
         *(of_filter if consistency.updates and not replay.is_sparse else ()),
     ]
     caption = (
-        "errors against the recorded positions [95 % intervals over runs, of the ellipse by"
-        f" stretches of\n10 m]; with {replay.robot.title}"
+        "errors against the recorded positions [95 % interval over runs; for the ellipse, over"
+        f" blocks of\n10 m], with {replay.robot.title}"
     )
     verdict_text = textwrap.fill(replay.verdict, REPORT_WIDTH, break_on_hyphens=False)
     lines = (
@@ -593,13 +589,14 @@ def find_replay_obstacle(recording: Recording) -> str:
     >>> lidar = locplan.Lidar(range=5.0, beams=5)
     >>> drive = Recording(np.full((9, 5), 1.0), lidar, poses, odometry=poses)
     >>> find_replay_obstacle(drive)
-    'it is 2 m long, too short to judge settings by; 30 m are needed'
+    'it is only 2 m long; at least 30 m are needed to compare settings'
     """
     if recording.odometry is None:
-        return "it has no odometry, so that the filter cannot be run on it"
+        return "it has no odometry, which the filter needs"
     length = compute_path_length(recording.poses)
     if length < SHORTEST:
         return (
-            f"it is {length:.2g} m long, too short to judge settings by; {SHORTEST:g} m are needed"
+            f"it is only {length:.2g} m long; at least {SHORTEST:g} m are needed to compare"
+            " settings"
         )
     return ""

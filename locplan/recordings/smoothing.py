@@ -162,9 +162,9 @@ def _check_drive(grid: OccupancyGrid, recording: Recording, seed: int) -> None:
     check_grid(grid)
     check_integer("seed", seed, 0)
     if len(recording) < 10:
-        raise RecordingError(f"the drive has {len(recording)} scans, too few: 10 are needed")
+        raise RecordingError(f"the drive has only {len(recording)} scans; at least 10 are needed")
     if not (grid.cells == OCCUPIED).any():
-        raise RecordingError(f"{grid.name or 'the map'} has no walls; take another map")
+        raise RecordingError(f"{grid.name or 'the map'} has no walls; use another map")
 
 
 def _parse_first_pose(

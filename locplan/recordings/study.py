@@ -35,7 +35,7 @@ FILE_SUFFIXES = ".csv", ".tum", ".txt", ".json", ".bag", ".mcap", ".db3"
 MAX_LISTED_PLACES = 3
 """Maximum number of listed places per fault of the map."""
 SOUND = "Sound: odometry, stamps and map agree with the scans."
-SOUND_IN_PART = "Sound, as far as the scans can show."
+SOUND_IN_PART = "Sound, as far as the scans show."
 USABLE = "Usable: {number}, too small to mislead `locplan tune`."
 NOT_SOUND = (
     "Not sound: {number}. With this recording `locplan tune` does not write the precise settings"
@@ -138,12 +138,12 @@ class RecordingReport(Result):
         *related_results
             Nothing: the report is complete.
         force : bool, default False
-            True also replaces files that locplan did not write.
+            If True, also replace files that locplan did not write.
 
         Raises
         ------
         LocplanError
-            If a file cannot be written, or is in the way.
+            If a file cannot be written, or exists already.
         """
         target = check_file_path("a recording's file or folder", folder)
         if target.suffix == ".npz":
@@ -182,7 +182,7 @@ def make_recording_output(target: Path, *, force: bool = False) -> ResultOutput:
         return output
     if target.suffix in FILE_SUFFIXES:
         raise LocplanError(
-            f"{target}: must end in .npz, or be a folder, which gets poses.csv and poses.tum"
+            f"{target}: must end in .npz, or be a folder (for poses.csv and poses.tum)"
         )
     return RecordingReport.files.make_output(target, force=force)
 
@@ -316,7 +316,7 @@ def _format_noise_rows(calibration: DriveCalibration) -> list[tuple[str, str]]:
         return [("scan noise", of_scans)]
     of_odometry = (
         f"distances {odometry.distance_bias.value:+.1%}, turns {odometry.turn_bias.value:+.1%},"
-        f" bend {odometry.heading_bias_deg.value:+.2f} deg/m, drift in turns"
+        f" curvature {odometry.heading_bias_deg.value:+.2f} deg/m, drift in turns"
         f" {odometry.turn_drift_deg.value:.1f} deg/√rad"
     )
     return [("scan noise", of_scans), ("odometry", of_odometry)]

@@ -282,11 +282,11 @@ def _solve_nonnegative(matrix: Floats, vector: Floats) -> Floats:
 UNCERTAIN, AMBIGUOUS, BAD_FIT, JUMPED, MAP_MOVED = range(1, 6)
 DOUBTS = (
     "",
-    "the deviation is over 15 cm or 4 deg",
-    "other places explain the scans as well",
+    "the standard deviation is over 15 cm or 4 deg",
+    "other places explain the scans equally well",
     "the scan does not fit the map",
     "odometry jumps",
-    "the map is displaced, by odometry before and after",
+    "the map is probably displaced",
 )
 """Reasons to doubt a pose; 0 means that the pose is trusted."""
 CARRIED = 3.0
@@ -421,8 +421,8 @@ class Trajectory(Result, StoredResult):
         """
         if not self.is_trusted.any():
             raise RecordingError(
-                f"no pose of the trajectory on {self.map or 'the map'} is to be trusted; name the"
-                " map that the drive was recorded on"
+                f"all poses on {self.map or 'the map'} are doubtful; use the map of the building"
+                " where the drive was recorded"
             )
         poses = self.poses.copy()
         poses.setflags(write=False)
@@ -431,20 +431,19 @@ class Trajectory(Result, StoredResult):
 
     @property
     def sentences(self) -> list[str]:
-        """What was found, in plain words."""
+        """Sentences for people on accuracy, doubtful poses and jumps."""
         if not self.is_trusted.any():
             return [
-                f"None of {len(self):,} scans is to be trusted: is it the right map, and odometry"
-                " that of the wheels?"
+                f"The poses of all {len(self):,} scans are doubtful: check the map, and the topic"
+                " of odometry."
             ]
         count = len(self.doubtful_stretches)
         n_doubtful = int((~self.is_trusted).sum())
         doubtful = (
             f"{count} stretch{'es' * (count > 1)} with {n_doubtful} scans"
-            f" ({n_doubtful / len(self):.0%}) not to"
-            " be trusted"
+            f" ({n_doubtful / len(self):.0%}) are doubtful"
             if count
-            else "all are to be trusted"
+            else "no pose is doubtful"
         )
         lines = [
             f"{len(self):,} scans, known to {100 * self._median_deviation:.0f} cm; {doubtful}."
@@ -456,13 +455,13 @@ class Trajectory(Result, StoredResult):
             for jump in self.jumps
         ]
         if self.odometry is None:
-            lines.append("The log has no odometry: its own poses stand for it.")
+            lines.append("The log has no odometry, so its poses were used as odometry.")
         off = self.log_distance[self.is_trusted]
         lost = float((off > LOST_DISTANCE).mean())
         lines.append(
-            f"The log's own poses are off by {100 * float(np.median(off)):.0f} cm in the"
-            f" median, 95 %: {100 * float(np.quantile(off, 0.95)):.0f} cm"
-            + (f"; they are lost, {LOST_TEXT}, at {lost:.0%} of the scans." if lost else ".")
+            f"The poses of the log are off by {100 * float(np.median(off)):.0f} cm (median) and"
+            f" {100 * float(np.quantile(off, 0.95)):.0f} cm (95 %)"
+            + (f"; they are {LOST_TEXT} at {lost:.0%} of the scans." if lost else ".")
         )
         return lines
 
@@ -562,16 +561,16 @@ def trajectory_report(drive_trajectory: Trajectory) -> str:
         first, last = stretch.start, stretch.stop - 1
         scan_text = f"scan {first}" if first == last else f"scans {first} to {last}"
         place = f"{scan_text} at {at[0]:.1f},{at[1]:.1f}"
-        rows.append(("" if n else "not trusted", f"{place}: {DOUBTS[doubt]}"))
+        rows.append(("" if n else "doubtful", f"{place}: {DOUBTS[doubt]}"))
     if (n_hidden := len(drive_trajectory.doubtful_stretches) - MAX_STRETCHES) > 0:
-        rows.append(("", f"and {n_hidden} more, which -o writes into poses.csv"))
+        rows.append(("", f"and {n_hidden} more; -o writes all to poses.csv"))
     if (model := drive_trajectory.odometry) is not None and drive_trajectory.is_trusted.any():
         x, y, yaw = model.mount
         ways = f"{abs(model.scale):.1%} too {'short' if model.scale > 0 else 'long'}"
         turns = f"{abs(model.turn_scale):.1%} too {'small' if model.turn_scale > 0 else 'large'}"
         side = "left" if model.bend > 0 else "right"
         bend = f"{math.degrees(abs(model.bend)):.2f} deg/m to the {side}"
-        odometry_text = f"reports ways {ways} and turns {turns}; its straight ways bend by {bend}"
+        odometry_text = f"distances are {ways}, turns {turns}; straight paths bend by {bend}"
         mount = f"off by {x:+.2f},{y:+.2f} m, {math.degrees(yaw):+.1f} deg"
         rows += [("odometry", odometry_text), ("lidar's mount", mount)]
     return "\n".join([" ".join(drive_trajectory.sentences), format_table([], rows)])

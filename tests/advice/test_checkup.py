@@ -479,7 +479,7 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
     assert found.recording_sentences[0] in found.report()
     (false,) = [each for each in found.faults if each.kind == "false walls"]
     assert false.boxes[0] == pytest.approx((26.4, 31.4, 6.4, 6.8), abs=0.15)
-    assert "here the scans do not fit the map" in false.sentence
+    assert "check these places, and map them again" in false.sentence
     assert f"map: {false.sentence}" in told
     monkeypatch.setenv("COLUMNS", "80")
     text = found.report()

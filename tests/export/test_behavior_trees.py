@@ -99,7 +99,7 @@ def test_default_planner_keeps_its_type(tmp_path, costs):
 
 def test_navfn_is_not_chosen_and_it_is_said_why(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS.replace("factor: 3.0", "factor: 12.0"))
-    with pytest.warns(RobotWarning, match=r"NavfnPlanner\): its wave stops early .* 2\.98 times"):
+    with pytest.warns(RobotWarning, match=r"NavfnPlanner\): it ignores most of a mask"):
         found = nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
     assert found.planner.name == "smac2d"
     large = OccupancyGrid(np.full((1001, 1000), 254, np.uint8), 0.1)
@@ -238,7 +238,7 @@ def test_what_the_planner_takes_is_said(tmp_path, costs):
     assert smac.ratio < 1.12
     assert 0.25 < smac.least_clearance <= smac.clearance
     text = (tmp_path / "m" / "README.md").read_text()
-    assert f"smac2d for aware: {smac.verdict_text}" in text
+    assert f"Path of smac2d (aware): {smac.verdict_text}" in text
     about = json.loads((tmp_path / "m" / "export.json").read_text())
     assert about["conversion"]["paths"][0]["ratio"] == smac.ratio
 

@@ -133,12 +133,12 @@ def test_unlike_name_suggests_nothing():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--map-frame", "world"), "name others with --map-frame and --base-frame"),
+        (("--map-frame", "world"), "set --map-frame and --base-frame"),
         (
             ("--base-frame", "rob"),
-            "has no frame 'rob'; --base-frame can be: base_link, laser",
+            "has no frame 'rob'; set --base-frame to one of: base_link, laser",
         ),
-        (("--scan-topic", "/s"), "has no scans on /s; --scan-topic can be: /scan"),
+        (("--scan-topic", "/s"), "has no scans on /s; set --scan-topic to one of: /scan"),
     ],
 )
 def test_command_line_names_options_as_typed(run, tmp_path, options, said):

@@ -31,7 +31,7 @@ def test_places_of_two_equal_rooms_are_all_ambiguous(equal_rooms):
     assert equal_rooms.is_ambiguous.all()
     assert equal_rooms.starts.shape == (0, 2)
     assert equal_rooms.sentence == (
-        "100 % of the places are ambiguous to one scan, and no start is safe: set the pose"
+        "100 % of the places are ambiguous to one scan, and no start is safe: set the initial pose"
     )
 
 
@@ -113,7 +113,7 @@ def test_places_without_returns_are_ambiguous():
         ({"robot": Robot(LIDAR, footprint=9.0)}, "fits nowhere"),
         ({"robot": "rplidar-a1"}, "robot must be a Robot"),
         ({"threads": 0}, "threads"),
-        ({"grid": OccupancyGrid(np.full((20, 20), FREE), 0.1)}, "no occupied cell"),
+        ({"grid": OccupancyGrid(np.full((20, 20), FREE), 0.1)}, "no walls"),
     ],
 )
 def test_bad_arguments_are_refused(settings, says):
@@ -140,4 +140,4 @@ def test_info_says_why_nothing_is_known_of_ambiguous_places(run, tmp_path):
     save_map(OccupancyGrid(np.full((40, 40), FREE, np.uint8), 0.1), tmp_path / "open.yaml")
     code, out, _ = run("info", tmp_path / "open.yaml", "--set", "range=8")
     assert code == 0
-    assert "ambiguous places: unknown (open has no occupied cell" in out
+    assert "ambiguous places: unknown (open has no walls" in out

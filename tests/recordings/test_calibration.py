@@ -132,9 +132,9 @@ def test_short_and_straight_drives_say_what_they_cannot_tell(grid, line, few_res
     assert fit_odometry_noise(driven(line[:20], odometry[:20]), Amcl()) is None
     straight = np.column_stack([np.arange(0, 60, 0.2), np.zeros(300), np.zeros(300)])
     found = fit_odometry_noise(driven(straight, reported(grid, straight)), Amcl())
-    assert "turned by 0 deg in all, too little for alpha1" in found.notes[0]
+    assert "turned by only 0 deg in total, too little for alpha1" in found.notes[0]
     noisy = fit_odometry_noise(driven(straight, straight, (0.01, 0.02)), Amcl())
-    assert any("turned by 0 deg in all" in note for note in noisy.notes)
+    assert any("turned by only 0 deg in total" in note for note in noisy.notes)
     assert not {"turn_bias", "turn_drift_deg"} & {*noisy.settings()}
 
 
@@ -180,7 +180,7 @@ def test_jumps_of_odometry_are_left_out(few_resamples):
     odometry[150:] = of_poses.move_poses(odometry[150:], (-7.0, 3.0, 2.0))
     poses[300:, 0] += 4.0
     found = fit_odometry_noise(dataclasses.replace(drive, poses=poses, odometry=odometry), Amcl())
-    assert found.notes[-1].endswith("which are left out: 2")
+    assert found.notes[-1].endswith("were ignored: 2")
     assert not any("jump" in note for note in plain.notes)
     for name in ("alpha2", "alpha3", "distance_drift", "heading_drift_deg", "heading_bias_deg"):
         value, expected = getattr(found, name).value, getattr(plain, name).value
@@ -194,7 +194,7 @@ def test_a_jump_counts_beside_the_lesser_of_the_two_ways(few_resamples, jumping)
     moved_on = getattr(drive, jumping).copy()
     moved_on[150:, :2] += 0.6 * np.array([np.cos(moved_on[149, 2]), np.sin(moved_on[149, 2])])
     found = fit_odometry_noise(dataclasses.replace(drive, **{jumping: moved_on}), Amcl())
-    assert found.notes[-1].endswith("which are left out: 1")
+    assert found.notes[-1].endswith("were ignored: 1")
 
 
 def test_walls_that_differ_from_the_map_are_no_objects():
@@ -218,7 +218,7 @@ def test_scans_of_another_map_are_refused(grid, line):
     ranges = np.random.default_rng(0).uniform(0.5, 8.0, (len(line), LIDAR.beams))
     with pytest.raises(RecordingError, match="scans fit the map and lie in its free space"):
         fit_scan_noise(Recording(ranges, LIDAR, line), grid)
-    with pytest.raises(RecordingError, match="has 9 scans, too few: 10 are needed"):
+    with pytest.raises(RecordingError, match="has only 9 scans; at least 10 are needed"):
         fit_scan_noise(Recording(ranges[:9], LIDAR, line[:9]), grid)
 
 

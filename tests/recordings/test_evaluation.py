@@ -80,7 +80,7 @@ def test_scans_fix_the_pose_where_they_were_taken(office, drive):
     assert np.median(off) <= 0.1
     assert (off < 3 * np.maximum(matches.position_std, 0.1)).mean() > 0.9
     assert np.degrees(np.abs(matches.best[:, 2])).max() <= 2
-    with pytest.raises(RecordingError, match="no scan with enough returns was taken on this map"):
+    with pytest.raises(RecordingError, match="no scan on this map has enough returns"):
         match_scans(drive.subsample(50).move(500.0, 0.0, 0.0), office)
 
 
@@ -125,7 +125,7 @@ def test_fields_predict_what_the_scans_of_a_drive_say(found):
         assert 0.5 < each.factor.value < 2.0
         assert each.aligned.value > 0.8
     first, second = found.verdict
-    assert first.startswith("On this drive `fused` says where the scans fix the pose badly")
+    assert first.startswith("On this drive, `fused` predicts where scans leave the pose uncertain")
     assert second.endswith(".")
 
 
@@ -142,7 +142,7 @@ def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
     assert not one.is_outdated.any()
     np.testing.assert_array_equal(other.is_outdated, crowd)
     assert "12 of" in other.verdict[1]
-    assert "saw what is not on the map" in other.verdict[1]
+    assert "do not match the map" in other.verdict[1]
     assert other.is_compared.sum() == one.is_compared.sum() - 12
     on_map, on_way = (
         next(line.get_xydata() for line in axes.lines if line.get_marker() == "x")
@@ -196,13 +196,13 @@ def test_intervals_are_over_stretches_of_the_drive(found):
     short.__dict__["blocks"] = np.arange(len(matches)) // 50 % 4
     assert math.isnan(short.agreements["scan"].factor.low)
     assert math.isnan(short.agreements["scan"].rank.auc.low)
-    assert short.verdict[0].startswith("The drive is too short to tell")
+    assert short.verdict[0].startswith("The drive is too short to evaluate fields")
 
 
 def test_drives_that_cannot_be_compared_are_refused(office, drive):
-    with pytest.raises(RecordingError, match="the drive has 8 scans, too few: 10 are"):
+    with pytest.raises(RecordingError, match="the drive has only 8 scans; at least 10 are"):
         evaluate_drive(drive.subsample(50), office)
-    with pytest.raises(RecordingError, match="no scan with enough returns"):
+    with pytest.raises(RecordingError, match="no scan on this map has enough returns"):
         evaluate_drive(drive.subsample(25).move(0.0, 500.0, 0.0), office)
     with pytest.raises(ConfigError, match="recording must be a Recording"):
         evaluate_drive("drive.npz", office)
@@ -218,7 +218,7 @@ def test_drives_that_cannot_be_compared_are_refused(office, drive):
 def test_no_stretch_is_left_out_of_the_worst(blocks, worst):
     stds = 0.1 * np.exp([0, 1, 2, 5.5, 4, 5, 6.0])
     here = np.flatnonzero(np.array(blocks) == worst)
-    said = f"lie around {here.mean():.1f},0.0, where"
+    said = f"are around {here.mean():.1f},0.0:"
     assert said in made_up(stds, np.zeros(7), blocks).verdict[1]
 
 
@@ -319,18 +319,16 @@ def test_stretches_without_a_scan_to_compare_are_counted(found):
     matches = dataclasses.replace(found.matches, covariance=100 * found.matches.covariance)
     vague = dataclasses.replace(found, matches=matches)
     every = len(np.unique(found.blocks))
-    assert "scans fix the position to" in vague.verdict[1]
+    assert "with a standard deviation of" in vague.verdict[1]
     assert "to compare" not in vague.verdict[1]
     unknown = found.predicted["sad"].copy()
     unknown[np.isin(found.blocks, np.unique(found.blocks)[:2])] = np.nan
     some = dataclasses.replace(vague, predicted=found.predicted | {"sad": unknown})
-    assert f"; 2 of {every} stretches of 10 m have no scan to compare" in some.verdict[1]
+    assert f"; 2 of {every} blocks of 10 m have no compared scan" in some.verdict[1]
 
 
 def test_where_most_scans_do_not_fit_nothing_is_concluded(found):
     score = found.matches.score.copy()
     score[::2] = -2.0
     bad = dataclasses.replace(found, matches=dataclasses.replace(found.matches, score=score))
-    assert (
-        "scans do not fit the map at their poses: check how the lidar is mounted" in bad.verdict[0]
-    )
+    assert "scans do not fit the map at their poses: check the mount of the lidar" in bad.verdict[0]

@@ -101,7 +101,7 @@ def test_faults_find_slip_and_standstill(drive, share, is_sound):
     assert faults.is_sound == is_sound
     assert not faults.has_sign_fault
     assert faults.sentences[0].startswith(
-        "Odometry and scans disagree by more than 0.15 m a step at 1 place, most at"
+        "Odometry and scans disagree by more than 0.15 m per step at 1 place, most at"
     )
 
 
@@ -236,8 +236,8 @@ def test_faults_compare_signs_of_velocity_and_pose(tmp_path):
     faults = find_recording_faults(again)
     assert faults.has_sign_fault
     assert faults.sentences[0] == (
-        "Odometry's pose moves forward at 5 of 5 steps with a negative velocity. Its driver"
-        " confuses the sign: correct it, and record again."
+        "Odometry's pose moves forward at 5 of 5 steps with a negative velocity. Correct"
+        " the sign in its driver, and record again."
     )
     assert not find_recording_faults(carmen(tmp_path / "b.log", [0.1] * 12)).has_sign_fault
     assert carmen(tmp_path / "c.log", [0] * 12).speeds is None

@@ -211,7 +211,7 @@ def test_a_database_serves_many_scans_and_only_its_map(different, alike):
     ranges = scan_at(different, LIDAR, *POSES[0])
     with_it = locate(different, ranges, LIDAR, database=database)
     assert with_it.best.pose == locate(different, ranges, LIDAR).best.pose
-    with pytest.raises(ConfigError, match="of another map or lidar"):
+    with pytest.raises(ConfigError, match="for another map or lidar"):
         locate(alike, ranges, LIDAR, database=database)
     assert repr(database) == "ScanDatabase(rooms, lidar, 10 m, 360°)"
 
@@ -231,7 +231,7 @@ def test_a_scan_unlike_the_map_is_said_to_be_so(different):
     ranges = np.random.default_rng(0).uniform(0.5, 6.0, LIDAR.beams)
     found = locate(different, ranges, LIDAR)
     assert not found.fits
-    assert "Careful: only" in found.sentence
+    assert "Only 33% of the returns" in found.sentence
 
 
 def test_many_places_that_look_alike_are_counted():
@@ -250,14 +250,17 @@ def test_many_places_that_look_alike_are_counted():
     ("given", "said"),
     [
         ({"scan": np.ones(7)}, r"the lidar's 240 beams, not an array of shape \(7,\)"),
-        ({"scan": np.full(240, np.nan)}, "beam 0 is NaN; give inf"),
+        ({"scan": np.full(240, np.nan)}, "beam 0 is NaN; use inf"),
         ({"scan": np.full(240, np.inf)}, "no beam of the scan ends within 0 to 10 m"),
-        ({"scan": np.where(np.arange(240) < 3, 1.0, np.inf)}, "too few returns, 3, to know"),
+        (
+            {"scan": np.where(np.arange(240) < 3, 1.0, np.inf)},
+            r"too few returns \(3\) to locate it",
+        ),
         ({"scan": "scan"}, "a scan must be an array of ranges"),
         ({"scan": [1.0, [2.0]]}, "a scan must be an array of ranges"),
-        ({"lidar": None}, "name the lidar"),
+        ({"lidar": None}, "needs a lidar; pass lidar="),
         ({"lidar": "rplidar-a1"}, "lidar must be a Lidar"),
-        ({"near": [[500.0, 500.0]]}, "the robot has no place within 3 m of the 1 positions"),
+        ({"near": [[500.0, 500.0]]}, "the robot fits nowhere within 3 m of the 1 positions"),
         ({"near": [1.0, 2.0]}, "a path needs an"),
         ({"near": [[1.0, 2.0]], "within": 0.1}, "within must be"),
         ({"count": 0}, "count must be"),
@@ -280,7 +283,7 @@ def test_a_recording_of_one_scan_knows_its_lidar(alike):
     assert is_at(found.best, *POSES[1])
     with pytest.raises(ConfigError, match="one scan is located at a time, not 2"):
         locate(alike, drive)
-    with pytest.raises(ConfigError, match="has a lidar of its own"):
+    with pytest.raises(ConfigError, match="has another lidar"):
         locate(alike, drive[:1], replace(LIDAR, range=5.0))
 
 
@@ -363,15 +366,15 @@ def test_scans_without_enough_returns_are_left_out(located, office):
 
 def test_poses_of_another_frame_are_noticed(located, office):
     found = replace(located, recording=located.recording.move(3.0, 1.0, 0.5))
-    assert "hardly agree with the map" in found.sentence
+    assert "do not agree with the map" in found.sentence
 
 
 def test_scans_that_end_at_no_walls_are_noticed(located):
     strange = [replace(each, explained_share=0.3, second_excess=0.0) for each in located.locations]
     found = replace(located, locations=tuple(strange))
-    assert f"only 0 of {len(located)} scans have most of their returns at walls" in found.sentence
+    assert f"Only 0 of {len(located)} scans have most of their returns at walls" in found.sentence
     assert located.fits.mean() > 0.5
-    assert "Careful" not in located.sentence
+    assert "Only" not in located.sentence
 
 
 def test_the_table_has_the_place_and_the_recorded_pose_of_each_scan(located):
@@ -408,7 +411,9 @@ def test_scans_without_poses_are_located(located, office):
     found = locate_drive(unplaced, office, threads=1)
     np.testing.assert_array_equal(found.poses, located.poses[:3])
     certain = int(found.is_certain.sum())
-    assert found.sentence.startswith(f"{certain} of 3 scans have no second place within 3 nats.")
+    assert found.sentence.startswith(
+        f"{certain} of 3 scans have no alternative place within 3 nats."
+    )
     assert found.summary()["right"] is None
     assert "certain" in found.figure().axes[0].get_legend_handles_labels()[1][0]
     assert "recorded" not in locate_drive(unplaced[:1], office, threads=1).report()
@@ -459,7 +464,7 @@ def test_the_command_locates_one_scan_and_all(run, tmp_path):
     )
     code, out, err = run(*ask, "--every", 60, "-o", tmp_path / "all")
     assert code == 0
-    assert "Errors of these: median" in out
+    assert "Errors of the correct locations: median" in out
     with (tmp_path / "all" / "scans.csv").open(encoding="utf-8") as file:
         assert len(list(csv.DictReader(file))) == math.ceil(len(Recording.load(FILE)) / 60)
     assert not (tmp_path / "all" / "modes.csv").exists()

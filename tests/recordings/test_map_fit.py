@@ -121,7 +121,7 @@ def test_progress_counts_the_turns_of_the_search(small, grid, coarse_fit):
 
 
 def test_what_cannot_be_compared_is_refused(small):
-    with pytest.raises(RecordingError, match="has no walls, that beams could end at"):
+    with pytest.raises(RecordingError, match="has no walls; use another map"):
         fit_to_map(small, OccupancyGrid(np.full((20, 20), FREE), 0.1))
     with pytest.raises(ConfigError, match="grid must be an OccupancyGrid"):
         fit_to_map(small, "map")
@@ -150,7 +150,7 @@ def test_check_place_accepts_recording_of_map(small, grid):
 def test_check_place_rejects_recording_of_another_building(small):
     other = load_map("two_corridors")
     message = (
-        r"small_drive does not fit two_corridors: only \d+% of its ranges agree .*; name the map"
+        r"small_drive does not fit two_corridors: only \d+% of its ranges agree .*; use the map"
     )
     for recording in (small, without_poses(small)):
         with pytest.raises(RecordingError, match=message):

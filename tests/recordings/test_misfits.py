@@ -176,12 +176,14 @@ def test_false_and_missing_walls_are_faults_with_their_places(office, drive):
 @pytest.mark.parametrize("far", [0.1, 0.2])
 def test_poses_that_are_off_are_refused(office, drive, far):
     for grid in (office, without(office)):
-        with pytest.raises(RecordingError, match="too much to tell false walls by"):
+        with pytest.raises(RecordingError, match="too far to find wrong walls"):
             find_misfits(grid, [off(drive, far)])
     for side in ([far / 2, 0, 0], [0, far, 0]):
-        with pytest.raises(RecordingError, match="too much"):
+        with pytest.raises(RecordingError, match="too far to find wrong walls"):
             find_misfits(office, [replace(drive, poses=drive.poses + side)])
-    with pytest.raises(RecordingError, match="too much"):  # of several drives the worst counts
+    with pytest.raises(
+        RecordingError, match="too far to find wrong walls"
+    ):  # of several drives the worst counts
         find_misfits(office, [drive, off(drive, far)])
 
 

@@ -186,7 +186,7 @@ def test_consistency_is_that_of_the_squares(replayed):
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"), [(0.02, "overconfident"), (1.0, ""), (400.0, "unsure")]
+    ("factor", "said"), [(0.02, "overconfident"), (1.0, ""), (400.0, "overestimates its error")]
 )
 def test_wrong_covariances_are_told(replayed, factor, said):
     changed = dataclasses.replace(replayed, covariances=factor * replayed.covariances)
@@ -199,10 +199,10 @@ def test_a_verdict_begins_with_lost_runs(replayed):
         replayed, errors=replayed.errors + np.array([3 * LOST_DISTANCE, 0.0, 0.0])
     )
     assert lost.verdict.startswith(f"The filter is {LOST_TEXT} at some time in 100% of the runs")
-    assert "lost first after 0 m, near " in lost.verdict
+    assert "first gets lost after 0 m, near " in lost.verdict
     assert "tune" not in lost.verdict  # these settings are not Nav2's, so they may be what it found
     untuned = dataclasses.replace(lost, robot=dataclasses.replace(lost.robot, filter=Amcl()))
-    assert untuned.verdict.endswith("locplan tune --recording looks for settings that hold.")
+    assert untuned.verdict.endswith("Run locplan tune --recording to find better settings.")
 
 
 def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
@@ -210,39 +210,39 @@ def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
         drive, grid, robot=Robot(filter=dataclasses.replace(SHARP, resample_interval=40)), runs=2
     )
     assert 0 < few.consistency.updates < 10
-    assert f"at {few.consistency.updates} of the scans, too few" in few.consistency.sentence
+    assert f"at only {few.consistency.updates} scans, too few" in few.consistency.sentence
     none = replay(
         drive, grid, robot=Robot(filter=dataclasses.replace(SHARP, resample_interval=9999)), runs=2
     )
     assert none.consistency.updates == 0
     assert none.summary()["consistency"]["filter_std"] is None
     assert "nan" not in none.report()
-    assert "95% ellipse" not in none.report()
+    assert "95 % ellipse" not in none.report()
     assert len(replay_figure(none).axes) == 2
 
 
 def test_sparse_scans_are_noted(grid, drive, replayed):
     assert replayed.notes == ()
     sparse = replay(drive.subsample(8), grid, robot=Robot(filter=SHARP), runs=2)
-    assert "every 0.8 m for lack of scans, in place of every 0.25 m" in sparse.notes[0]
+    assert "a scan only every 0.8 m, but AMCL updates every 0.25 m" in sparse.notes[0]
     # They come first, and nothing is said of losses, which are the log's own.
     first, *rest = sparse.report().splitlines()
-    assert first.startswith("This log has too few scans to tell how often the filter is lost")
+    assert first.startswith("This log has too few scans to measure how often the filter gets lost")
     assert "at some time" not in "".join(rest)
     assert "overconfident" not in sparse.report()
     often = dataclasses.replace(SHARP, update_min_d=0.05)  # no log is sparse for this alone
     assert replay(drive, grid, robot=Robot(filter=often), runs=2).notes == ()
     holds = replay(drive.subsample(4), grid, robot=Robot(filter=SHARP), runs=2)
     first = holds.report().splitlines()[0]
-    assert first.startswith(f"It was never {LOST_TEXT}, although the filter updated")
-    assert holds.report().count("for lack of scans") == 1
+    assert first.startswith(f"The filter was never {LOST_TEXT}, although the log has a scan")
+    assert holds.report().count("has a scan only every") == 1
 
 
 def test_drives_that_cannot_be_replayed_are_refused(grid, drive):
     without = dataclasses.replace(drive, odometry=None)
     with pytest.raises(RecordingError, match="no odometry, which a replay needs"):
         replay(without, grid)
-    with pytest.raises(RecordingError, match=r"begins at .*, off two_corridors"):
+    with pytest.raises(RecordingError, match=r"begins at .*, outside of two_corridors"):
         replay(drive.move(500.0, 0.0, 0.0), grid)
     with pytest.raises(ConfigError, match="runs must be"):
         replay(drive, grid, runs=0)
@@ -291,7 +291,7 @@ def test_the_command_replays_a_drive(files, monkeypatch, capsys):
     code, out, _ = run(monkeypatch, capsys, *common, files / "drive.npz")
     assert code == 0
     assert "RMSE of all" in out
-    assert "95% ellipse" in out
+    assert "95 % ellipse" in out
     code, _, err = run(monkeypatch, capsys, *common, files / "without.npz")
     assert code == 2
     assert err.count("\n") == 1
@@ -340,5 +340,7 @@ def test_a_map_that_does_not_fit_is_told_before_the_replay(files, monkeypatch, c
 
 def test_odometry_that_stands_still_is_refused(grid, drive):
     frozen = dataclasses.replace(drive, odometry=np.zeros_like(drive.poses))
-    with pytest.raises(RecordingError, match=r"the odometry moves by 0\.0 m, but the poses by"):
+    with pytest.raises(
+        RecordingError, match=r"the odometry moves by only 0\.0 m, but the poses by"
+    ):
         replay(frozen, grid)

@@ -175,7 +175,7 @@ def test_command_rejects_recording_of_another_building(run, files, monkeypatch, 
     monkeypatch.chdir(files)
     error = check_refusal(run(*command))
     assert "simulated does not fit places: only " in error
-    assert error.endswith("name the map of the building where it was taken\n")
+    assert error.endswith("use the map of the building where it was recorded\n")
 
 
 def test_built_in_recording_is_written_under_own_name(run, tmp_path, monkeypatch):
