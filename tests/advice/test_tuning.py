@@ -28,7 +28,7 @@ from locplan.robots import PRECISE, SAFE, Amcl, Lidar, Robot, with_preset
 from locplan.robots.nav2 import read_amcl
 from locplan.robots.presets import list_applicable_presets
 from locplan.simulation import LEVELS, NO_FAULT, Drives, simulate
-from locplan.simulation.drives import LOST_DISTANCE, LOST_SHORT_TEXT
+from locplan.simulation.drives import LOST_DISTANCE
 from locplan.simulation.verdict import DriveSet
 from locplan.simulation.worlds import make_path_poses
 
@@ -494,7 +494,7 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
     assert about["changes"] == tuning.changes
     assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == tuning.winner
     labels = [panel.get_ylabel() for panel in tuning_figure(tuning).axes]
-    assert labels == ["RMSE of the position [m]", f"drives {LOST_SHORT_TEXT} at the end [%]"]
+    assert labels == ["RMSE of the position [m]", "off at the end [% of the drives]"]
 
 
 @pytest.mark.parametrize(

@@ -151,7 +151,7 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
     assert (values[10.0 * np.nan_to_num(heavy.u) > k] == 99).all()
     about = json.loads((tmp_path / "mask" / "export.json").read_text())
     assert about["conversion"]["saturates_at_weight_u"] == conversion.max_excess
-    with pytest.warns(RobotWarning, match=r"navfn does not follow a mask: .* 2\.98 times the best"):
+    with pytest.warns(RobotWarning, match=r"navfn does not follow a mask: it ignores most"):
         assert nav2_keepout(tmp_path / "n", heavy, planner="navfn").max_excess == 4.0
 
 
