@@ -233,7 +233,7 @@ def save_config(config: FieldConfig, path: str | os.PathLike[str]) -> None:
     config : FieldConfig
         The settings.
     path : path
-        The file, named *.json. An existing file is replaced.
+        The file, named ``*.json``. An existing file is replaced.
 
     Raises
     ------

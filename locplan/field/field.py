@@ -327,7 +327,7 @@ class CovarianceField(DrawableResult, EqualByValue):
         Parameters
         ----------
         path : path
-            The file, named *.npz. An existing file is replaced.
+            The file, named ``*.npz``. An existing file is replaced.
         extra_arrays : mapping of str to array, optional
             Further arrays, for use by your programs.
 

@@ -101,7 +101,7 @@ class Path(EqualByValue):
         Parameters
         ----------
         path : path
-            The file, named *.csv; an existing file is replaced.
+            The file, named ``*.csv``; an existing file is replaced.
 
         Raises
         ------

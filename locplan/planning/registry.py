@@ -56,6 +56,7 @@ PLANNERS: dict[str, PlannerEntry] = {
         for name, kind in KINDS.items()
     },
 }
+"""The planners by name."""
 
 
 def list_planner_names() -> tuple[str, ...]:

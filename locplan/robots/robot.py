@@ -158,7 +158,7 @@ class Robot(Settings):
         Parameters
         ----------
         path : path
-            The file, named *.yaml. An existing file is replaced.
+            The file, named ``*.yaml``. An existing file is replaced.
 
         Raises
         ------

@@ -26,9 +26,9 @@ QUICKLY = {
 }
 """Arguments with which a program is done soon."""
 LONG = (
-    *("animation", "api", "cluster", "compare", "estimators", "explorer_picture", "gallery"),
+    *("animation", "cluster", "compare", "estimators", "explorer_picture", "gallery"),
     *("lasers", "levels", "navigation", "ompl_program", "paper", "places", "recorded_drive"),
-    "routes",
+    *("reference", "routes"),
 )
 """What these do has tests of its own."""
 
@@ -36,7 +36,11 @@ LONG = (
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(path, marks=[pytest.mark.long] * (path.stem in LONG)) for path in EXAMPLES],
+    [
+        pytest.param(path, marks=[pytest.mark.long] * (path.stem in LONG))
+        for path in EXAMPLES
+        if path.stem != "site"  # test_site.py builds the site once for all of its tests
+    ],
     ids=lambda path: path.stem,
 )
 def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch):

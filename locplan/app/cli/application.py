@@ -27,6 +27,15 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
 
 SYSTEM_ERROR, WRONG_INPUT, LIMIT_EXCEEDED = 1, 2, 4
+EXIT_CODES = {
+    0: "success",
+    SYSTEM_ERROR: "system error",
+    WRONG_INPUT: "wrong input",
+    LIMIT_EXCEEDED: "limit of check --fail-if exceeded",
+    INTERRUPTED: "Ctrl-C",
+    TERMINATED: "SIGTERM",
+}
+"""Meaning of each exit code."""
 INSTALL_COMPLETION = "--install-completion"
 COMMANDS = {
     "check": "Start",
@@ -126,9 +135,7 @@ def make_application(*names: str) -> App:
         help_format="plaintext",
         help_formatter=FilledFormatter(),
         help_epilogue=(
-            f"Exit codes: 0 success, {SYSTEM_ERROR} system error, {WRONG_INPUT} wrong input,"
-            f" {LIMIT_EXCEEDED} limit of check --fail-if exceeded, {INTERRUPTED} Ctrl-C,"
-            f" {TERMINATED} SIGTERM."
+            f"Exit codes: {', '.join(f'{code} {text}' for code, text in EXIT_CODES.items())}."
         ),
         group_parameters=OPTIONS,
         default_parameter=Parameter(
