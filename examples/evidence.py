@@ -6,8 +6,9 @@ Reads the rows in examples/evidence/, one CSV file for each kind of measurement.
 one row for each claim, and the tables of examples/guides/evidence.md. With FOLDER, both files are
 written there instead. Takes seconds.
 
-These programs measure the rows again: lasers.py, routes.py, levels.py and places.py. Rows of other
-files come from the command in the claim. Each row names the version that it was measured with.
+These programs measure the rows again: lasers.py, routes.py, levels.py, ground_truth.py and
+places.py. Rows of other files come from the command in the claim. Each row names the version that
+it was measured with.
 """
 
 from __future__ import annotations
@@ -223,6 +224,12 @@ class Source:
         interval = compute_wilson_interval(number / total, int(total))
         scaled = Interval(number, interval.low * total, interval.high * total)
         return self.claim(key, text, scaled, f"of {total:.0f}", total)
+
+
+def join_versions(rows: Rows) -> str:
+    """Return the version of the rows, or all of their versions."""
+    versions = sorted({row["version"] for row in rows}, reverse=True)
+    return versions[0] if len(versions) == 1 else f"partly {'; partly '.join(versions)}"
 
 
 def fixed(value: float) -> Interval:
@@ -762,6 +769,11 @@ SETTINGS = {
 }
 
 
+TRUTH_COMMAND = "python examples/ground_truth.py DATA examples/evidence"
+LOCATED = ("count", "right", "certain", "certain_right")
+"""Columns of located scans."""
+
+
 def claim_recordings() -> Iterator[Claim]:
     """Claims on replays, ground truth and single scans of recordings."""
     sound = read_rows("recordings", is_sound=1.0)
@@ -769,7 +781,7 @@ def claim_recordings() -> Iterator[Claim]:
     source = Source(
         f"{len(drives)} sound recordings",
         "locplan simulate MAP --recording FILE --robot SETTINGS",
-        sound[0]["version"],
+        join_versions(sound),
     )
     n = len(drives)
     robots = len({row["robot"] for row in drives.values()})
@@ -795,9 +807,7 @@ def claim_recordings() -> Iterator[Claim]:
                 runs,
             )
     truth = read_rows("ground_truth")
-    source = Source(
-        f"odd scans of {len(truth)} logs", "locplan recording FILE MAP", truth[0]["version"]
-    )
+    source = Source(f"both halves of {len(truth) // 2} logs", TRUTH_COMMAND, truth[0]["version"])
     for column, text, unit in (
         ("median", "Median error of the ground truth of `recording`", "m"),
         ("most", "Greatest error of a trusted pose of `recording`", "m"),
@@ -805,19 +815,26 @@ def claim_recordings() -> Iterator[Claim]:
         values = [row[column] for row in truth]
         interval = estimate_middle(values) if column == "median" else fixed(max(values))
         yield source.claim(f"recordings.truth.{column}", text, interval, unit, len(values))
-    for row in read_rows("locate"):
-        source = Source(row["data"], row["command"], row["version"])
-        yield source.count(
-            "recordings.locate.right",
-            "Single scans that `locate` locates",
-            row["right"],
-            row["scans"],
+    located = read_rows("locate")
+    logs = Source(f"both halves of {len(located) // 2} logs", TRUTH_COMMAND, located[0]["version"])
+    apart = read_rows("locate_apart")
+    kept_apart = Source("seven logs kept apart", "locplan locate MAP", apart[0]["version"])
+    for key, where, rows in (
+        ("recordings.locate", kept_apart, apart),
+        ("recordings.locate.logs", logs, located),
+    ):
+        total = {name: sum(row[name] for row in rows) for name in LOCATED}
+        yield where.count(
+            f"{key}.right",
+            "Single scans that `locate` places within 0.3 m and 3 degrees",
+            total["right"],
+            total["count"],
         )
-        yield source.count(
-            "recordings.locate.certain",
-            "Scans that `locate` calls certain, and that are right",
-            row["certain_right"],
-            row["certain"],
+        yield where.count(
+            f"{key}.certain",
+            "Certain answers of `locate` that are right",
+            total["certain_right"],
+            total["certain"],
         )
 
 
@@ -839,7 +856,7 @@ def tabulate_truth() -> str:
     """Tabulate the errors of the ground truth of recordings."""
     rows = [
         [
-            row["log"],
+            f"{row['log']}, {row['scans']} scans",
             *(f"{100 * row[column]:.1f} cm" for column in ("median", "p95", "most")),
             percent(row["inside_95"]),
             percent(row["doubtful"]),
@@ -1012,10 +1029,7 @@ def claim_landmarks() -> Iterator[Claim]:
         for row in group:
             source = Source(f"{row['query']}, {row['objects']}", row["command"], row["version"])
             n = int(row["drives"])
-            name, text = (
-                f"landmarks.{key}.{row['places']}",
-                f"{row['places']} landmarks, {row['query']}",
-            )
+            name, text = f"landmarks.{key}.{row['places']}", LANDMARKS[row["places"]]
             lost = compute_wilson_interval(row["lost"] / n, n)
             yield source.claim(f"{name}.lost", f"Drives lost, {text}", lost, "%", n)
             yield source.claim(f"{name}.error", f"Error, {text}", interval_of(row, "error"), "m", n)

@@ -19,6 +19,7 @@ QUICKLY = {
     "compare": (0.05,),
     "gallery": (MAP, "turtlebot4", "info.png", "paper_e.png"),
     "explorer_picture": ("two_corridors",),
+    "ground_truth": (("seattle",),),
     "levels": ("", ("two_corridors",), 1, 1),
     "paper": (0.1, 1, ("paper",)),
     "places": ((MAP,), 4, 2),
@@ -27,10 +28,12 @@ QUICKLY = {
 """Arguments with which a program is done soon."""
 LONG = (
     *("animation", "cluster", "compare", "estimators", "explorer_picture", "gallery"),
-    *("lasers", "levels", "navigation", "ompl_program", "paper", "places", "recorded_drive"),
-    *("reference", "routes"),
+    *("ground_truth", "lasers", "levels", "navigation", "ompl_program", "paper", "places"),
+    *("recorded_drive", "reference", "routes"),
 )
 """What these do has tests of its own."""
+OF_LOGS = ("ground_truth", "lasers")
+"""Programs that read the laser logs."""
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -45,7 +48,7 @@ LONG = (
 )
 def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch):
     module = load_example(path.stem, monkeypatch)
-    if path.stem == "lasers" and not (SHARED_DATA / "carmen").is_dir():
+    if path.stem in OF_LOGS and not (SHARED_DATA / "carmen").is_dir():
         pytest.skip("the laser logs (../shared/data/carmen) are not here")
     if path.stem == "explorer_picture":
         pytest.importorskip("starlette", reason="the explorer's server is not installed")
@@ -57,7 +60,7 @@ def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch
         "recommend_path",
         functools.partial(locplan.recommend_path, settings=RecommendationSettings(drives=4)),
     )
-    data = (str(SHARED_DATA),) if path.stem == "lasers" else ()
+    data = (str(SHARED_DATA),) if path.stem in OF_LOGS else ()
     module.main(*data, str(tmp_path / "out"), *QUICKLY.get(path.stem, ()))
     assert capsys.readouterr().out
     assert any((tmp_path / "out").iterdir())
