@@ -476,8 +476,8 @@ def claim_choices() -> Iterator[Claim]:
     """Claims on how often a recommendation is wrong, from drawn errors."""
     rows = {row["true_ratio"]: row for row in read_rows("choices")}
     for key, name, text in (
-        ("false", "the shortest's error", "no path is better"),
-        ("found", 0.8, "one of ten paths has 0.8 of the error"),
+        ("false", "1, like all others", "all ten paths have the same error"),
+        ("found", 0.8, "one of ten paths has 0.8 of the error, and the rest is worse"),
     ):
         row = rows[name]
         source = Source(
@@ -540,7 +540,7 @@ def tabulate_choices() -> str:
         for row in read_rows("choices")
     ]
     heads = (
-        "the best of nine other paths has",
+        "error of the best path over the shortest path's",
         "recommended",
         "undecided",
         "interval holds the truth",
@@ -1087,9 +1087,9 @@ def claim_places() -> Iterator[Claim]:
             "python examples/places.py examples/evidence MAP.yaml ...",
             row["version"],
         )
-        if row["predictor"] not in ("sad, e", "scan, position", "fisher+scan, position"):
+        if row["predictor"] not in ("sad, e", "scan, position", "fused, position"):
             continue
-        name = row["predictor"].split(",")[0].replace("+", "_")
+        name = row["predictor"].split(",")[0]
         kind = row["error"].split(" ")[0]
         yield source.claim(
             f"places.{name}.{kind}",
@@ -1174,7 +1174,7 @@ HEADLINES = (
     "landmarks.corridors.boxes.none.lost",
     "landmarks.corridors.boxes.proposed.lost",
     "speed.paper",
-    "places.scan.single",
+    "places.fused.single",
 )
 """Keys of the claims at the top of the page."""
 

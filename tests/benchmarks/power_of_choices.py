@@ -21,6 +21,7 @@ from scipy.optimize import brentq
 from scipy.signal import fftconvolve
 from scipy.stats import norm
 
+from locplan.simulation.driver import FIRST_CHOOSING_DRIVE
 from locplan.simulation.race import DriveScores, RaceResult, run_race
 from locplan.simulation.verdict import BOUNDARY_EXPONENT
 
@@ -63,7 +64,11 @@ def choice_of(case: str, seed: int) -> tuple[RaceResult, float, int]:
     def drive(paths: list[int], numbers: range) -> DriveScores:
         nonlocal drives
         drives += len(paths) * len(numbers)
-        some = errors[paths][:, numbers]
+        # The race has other drives than the confirmation, whose numbers begin at 0.
+        columns = [
+            n + 64 - FIRST_CHOOSING_DRIVE if n >= FIRST_CHOOSING_DRIVE else n for n in numbers
+        ]
+        some = errors[paths][:, columns]
         return DriveScores(some, np.zeros(some.shape, bool))
 
     found = run_race(drive, np.zeros(len(ratios)), 1.0, 64)
