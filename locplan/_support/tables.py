@@ -139,7 +139,8 @@ def _choose_widths(columns: Sequence[Sequence[str]], room: int) -> list[int | No
     """
     from rich.cells import cell_len
 
-    min_widths = [max(map(cell_len, [*" ".join(texts).split(), ""])) for texts in columns]
+    # Words end at spaces, but not at unbreakable ones.
+    min_widths = [max(map(cell_len, " ".join(texts).split(" "))) for texts in columns]
     if sum(min_widths) > room:
         return [None] * len(columns)
     wide = [max(map(cell_len, texts)) for texts in columns]

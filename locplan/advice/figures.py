@@ -272,9 +272,11 @@ def check_figure(check: Check) -> Figure:
             zorder=6,
             bbox={"boxstyle": "round,pad=.25", "fc": back, "ec": edge},
         )
+    lost = 100 * check.baseline.lost.value
+    title = f"{check.grid.name or 'Map'}: the robot gets lost in {lost:.0f} % of simulated drives"
+    figure.suptitle(title, fontsize="large", weight="bold")
     text = caption_text(check)
-    title = f"{check.grid.name or 'Map'}. {text[:1].upper()}{text[1:]}"
-    axes.set_title(title, fontsize="small")
+    axes.set_title(f"{text[:1].upper()}{text[1:]}", fontsize="small")
     return figure
 
 
@@ -296,6 +298,7 @@ def caption_text(check: Check) -> str:
         (lost, "x: a drive gets lost"),
         (stopped, "square: a drive stops before the goal"),
         (bool(check.spots), "letters: weak spots (shaded)"),
+        (True, "framed: ends of routes"),
     ]
     parts = [text for is_drawn, text in explained if is_drawn]
     half = (len(parts) + 1) // 2

@@ -104,10 +104,10 @@ def _describe_no_action(check: Check) -> str:
 
 def _list_instructions(check: Check, folder: Folder, params: Params) -> list[str]:
     """Return the instructions of the recommended fixes; two fixes may share a file."""
-    file = folder / "nav2_params.yaml"
+    titles = [fix.title for fix in check.recommended_fixes if fix.kind in {FULL_RANGE, SETTINGS}]
+    file = f"{folder / 'nav2_params.yaml'} ({', '.join(titles)})"
     parameters = f"copy the amcl section of {file} into your parameters"
-    kinds = {fix.kind for fix in check.recommended_fixes}
-    if {FULL_RANGE, SETTINGS} & kinds and has_amcl_section(list_parameter_files(params)):
+    if titles and has_amcl_section(list_parameter_files(params)):
         parameters = f"start Nav2 with {file}"
     texts = {
         CORRECTED_MAP: f"use {folder / 'map.yaml'} as the map",

@@ -94,6 +94,8 @@ class CaseResult:
     verdict: str = ""
     """Verdict on a preset against the user's settings, the baseline; on a recording, confirmed or
     contradicted. Empty if the user's settings were not simulated."""
+    fault: str = ""
+    """The fault of the level in words; empty at the usual level and on a recording."""
 
 
 @dataclass(frozen=True)
@@ -173,8 +175,11 @@ class PresetChoice:
             for result in self.results
             if (result.settings, result.case) == (USER_SETTINGS, hardest.case)
         ]
-        rates = f"{format_rate(hardest.off_at_end)} off at the end, {BASELINE}"
-        return f"Level {hardest.case}: {rates} {baseline[0] if baseline else 'not driven'}."
+        other = f", {USER_SETTINGS} in {baseline[0]}" if baseline else ""
+        return (
+            f"Hardest test: if {hardest.fault}, drives with {self.name} settings are off at the end"
+            f" in {format_rate(hardest.off_at_end)}{other}."
+        )
 
     def advise_recording(self, command: Sequence[str]) -> str:
         """Return the advice to test the precise preset on a recording, or an empty text.
@@ -469,7 +474,7 @@ class _PresetTrial:
         else:
             word = self._compare(name, case, n_looks).word if n_looks else ""
         rates = drives.error, drives.lost_rate, drives.off_at_end_rate
-        return CaseResult(name, case.name, *rates, len(drives.lost), word)
+        return CaseResult(name, case.name, *rates, len(drives.lost), word, case.fault)
 
     def _make_recording_result(self, name: str, recording: str) -> CaseResult:
         runs, before = (

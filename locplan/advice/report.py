@@ -97,12 +97,11 @@ def write_report(path: Path, check: Check, *related_results: Any) -> None:
         "bar": compute_bar_percentages,
         "problem": problem_text,
     }
-    n_routes = len(check.routes)
     text = environment.get_template("report.html").render(
         check=check,
         off=LOST_TEXT,
         headline=headline_sentences(check),
-        spots=[spot_text(spot, n_routes) for spot in check.spots if spot.letter],
+        spots=[spot_text(spot) for spot in check.spots if spot.letter],
         passage=passage_text(check.passage) if check.passage else "",
         fixes=make_fix_rows(check),
         settings=settings_sentences(check),

@@ -15,7 +15,7 @@ from locplan._support.runs import get_command_line
 from locplan._support.tables import wrap_lines
 from locplan.advice.check_result import Check
 from locplan.advice.driving import Scenario
-from locplan.advice.failures import FailurePassage
+from locplan.advice.failures import LETTERS, FailurePassage
 from locplan.advice.fixes import SETTINGS
 from locplan.advice.next_step import choose_next_action, describe_remaining_failures
 from locplan.advice.rates import DriveRates, FixResult, RouteResult
@@ -92,54 +92,54 @@ def headline_sentences(check: Check) -> tuple[str, ...]:
     )
     if not rates.n_closed:
         return (lost,)
-    reached = f"In closed loop it reaches the goal in {format_rate(rates.reached)}."
+    steered = "In closed loop (the estimate steers)"
+    reached = f"{steered} it reaches the goal in {format_rate(rates.reached)}."
     if not rates.endings:
         return lost, reached
     usually = "usually " if len(rates.endings) > 1 else ""
-    return lost, f"{reached} When it fails, it {usually}{ENDING_TEXTS[_find_main_ending(rates)]}."
+    return lost, f"{reached} If it fails, it {usually}{ENDING_TEXTS[_find_main_ending(rates)]}."
 
 
 def _find_main_ending(rates: DriveRates) -> str:
     return max(rates.endings, key=lambda ending: rates.endings[ending])
 
 
-def problem_text(route: RouteResult) -> str:
-    """Return the failures along a route with their places; empty if no drive fails."""
+def problem_text(route: RouteResult, explained: str = LETTERS) -> str:
+    """Return the failures along a route with their places; empty if no drive fails.
+
+    Only letters in `explained` are named.
+    """
     rates, problems = route.rates, []
     if rates.lost.value > 0:
-        problems.append(_append_place_letters("lost", route.lost_near))
+        problems.append(_append_place_letters("lost", route.lost_near, explained))
     if rates.endings:
-        problems.append(
-            _append_place_letters(ENDING_TEXTS[_find_main_ending(rates)], route.stopped_near)
-        )
+        ending = ENDING_TEXTS[_find_main_ending(rates)]
+        problems.append(_append_place_letters(ending, route.stopped_near, explained))
     return ", ".join(problems)
 
 
-def _append_place_letters(problem: str, letters: str) -> str:
-    return f"{problem} at {letters}" if letters else problem
+def _append_place_letters(problem: str, letters: str, explained: str) -> str:
+    named = [letter for letter in letters.split(", ") if letter and letter in explained]
+    return f"{problem} at {', '.join(named)}" if named else problem
 
 
-def spot_text(spot: WeakSpot, n_routes: int) -> str:
-    """Return the sentence on a weak spot: place, size, and reason.
+def spot_text(spot: WeakSpot) -> str:
+    """Return the line on a weak spot: place, size, and reason.
 
     Parameters
     ----------
     spot : WeakSpot
         The spot.
-    n_routes : int
-        Number of all routes.
     """
     name = f"Weak spot {spot.letter}".strip()
-    passed = f"on {len(spot.routes)} of {n_routes} routes"
     if spot.stopped:
-        return f"{name} at {spot.place}: {spot.stopped} {spot.missing}, {passed}"
+        return f"{name} at {spot.place}: {spot.stopped} {spot.missing}"
     if not spot.rings:
-        return (
-            f"{name} at {spot.place}: {spot.lost} of the drives get lost, {spot.missing}, {passed}"
-        )
+        lost = "1 drive gets lost" if spot.lost == 1 else f"{spot.lost} drives get lost"
+        return f"{name} at {spot.place}: {lost}, {spot.missing}"
     uncertain = "heading" if spot.missing == NO_HEADING else "position"
     details = f"{spot.missing}, {uncertain} uncertain by {spot.deviation}"
-    return f"{name} at {spot.place}, {spot.size}: {details}, {passed}"
+    return f"{name} at {spot.place}, {spot.size}: {details}"
 
 
 def passage_text(passage: FailurePassage) -> str:
@@ -224,7 +224,8 @@ def check_report(check: Check, folder: Folder | None = None, *related_results: A
     action = choose_next_action(check, folder, *related_results)
     last = wrap_lines([f"Next: {action.sentence}" if action.command else action.sentence])
     last += [f"  {line}" for line in action.command.splitlines()]
-    first = wrap_lines([*headline_sentences(check), *_list_remarks(check)])
+    lost, *reached = headline_sentences(check)
+    first = wrap_lines([f"{lost} Brackets: 95 % intervals.", *reached, *_list_remarks(check)])
     findings = [f"map: {fault.sentence}" for fault in check.faults if fault.boxes]
     findings += check.recording_findings
     notes = [text for text in check.recording_sentences if text not in check.recording_findings]
@@ -233,13 +234,15 @@ def check_report(check: Check, folder: Folder | None = None, *related_results: A
     remaining = wrap_lines([*filter(None, [describe_remaining_failures(check)])])
     blocks: list[list[str]] = []
     for n_notes, n_spots, n_routes, n_fixes, detail in ROW_COUNTS:
-        spots = [spot_text(spot, len(check.routes)) for spot in check.spots[:n_spots]]
+        spots = _select_spots(check, n_spots, n_routes if detail else 0)
+        explained = "".join(spot.letter for spot in spots)
         blocks = [
             first,
-            wrap_lines([*findings, *notes[:n_notes], *passage, *(spots or ["No weak spot"])]),
+            wrap_lines([*findings, *notes[:n_notes], *passage]),
+            wrap_lines([*map(spot_text, spots)] or ["No weak spot"]),
             [
                 *wrap_lines([_describe_drives(check.baseline)] if detail == 2 else []),
-                *_format_route_table(check, n_routes),
+                *_format_route_table(check, n_routes, explained),
             ],
             [*_format_fix_table(check, n_fixes), *remaining],
             [
@@ -251,6 +254,16 @@ def check_report(check: Check, folder: Folder | None = None, *related_results: A
         if sum(map(len, blocks)) + sum(map(bool, blocks)) - 1 <= MAX_LINES:
             break
     return "\n\n".join("\n".join(block) for block in blocks if block)
+
+
+def _select_spots(check: Check, n_spots: int, n_routes: int) -> list[WeakSpot]:
+    """Return the worst weak spots, and those that the first rows of the routes name."""
+    near = "".join(route.lost_near + route.stopped_near for route in check.routes[:n_routes])
+    return [
+        spot
+        for n, spot in enumerate(check.spots)
+        if n < n_spots or (spot.letter and spot.letter in near)
+    ]
 
 
 def settings_sentences(check: Check, detail: int = 2) -> tuple[str, ...]:
@@ -275,7 +288,8 @@ def settings_sentences(check: Check, detail: int = 2) -> tuple[str, ...]:
     texts = [f"{text[:1].upper()}{text[1:]}." for text in objections]
     if choice.is_preset and SETTINGS in check.recommended:
         hardest = [choice.hardest_level] if detail and choice.hardest_level else []
-        texts = [f"{choice.title}.", *hardest, *texts]
+        name = f"{choice.name[:1].upper()}{choice.name[1:]}"
+        texts = [f"{name} settings: {choice.changes}.", *hardest, *texts]
     return (*texts, advice) if advice and detail else tuple(texts)
 
 
@@ -332,8 +346,8 @@ def _describe_map_sizes(scenario: Scenario) -> str:
     )
 
 
-def _make_rate_columns() -> tuple[TableColumn, ...]:
-    is_narrow = shutil.get_terminal_size((NARROW, 24)).columns < NARROW
+def _make_rate_columns() -> tuple[TableColumn, TableColumn, TableColumn]:
+    is_narrow = _measure_width() < NARROW
     off_at_end, reached = "off at the end", "reaches the goal"
     if is_narrow:
         off_at_end, reached = "off at end", "at goal"
@@ -346,6 +360,11 @@ def _make_rate_columns() -> tuple[TableColumn, ...]:
     )
 
 
+def _measure_width() -> int:
+    """Return the width of the terminal, or of text in a file."""
+    return shutil.get_terminal_size((NARROW, 24)).columns
+
+
 def _format_share(rate: Interval) -> str:
     return _make_unbreakable(format_rate(rate))
 
@@ -355,12 +374,13 @@ def _make_unbreakable(text: str) -> str:
     return text.replace(" ", "\u00a0")
 
 
-def _format_route_table(check: Check, n_rows: int) -> list[str]:
-    """Return the lines of the worst routes."""
+def _format_route_table(check: Check, n_rows: int, explained: str) -> list[str]:
+    """Return the lines of the worst routes, with the letters that the text explains."""
+    lost, _, reached = _make_rate_columns()
     columns = (
         TableColumn("route", value=lambda route: route.name),
-        *_make_rate_columns(),
-        TableColumn("problem", title="", value=problem_text),
+        *(lost, reached),
+        TableColumn("problem", title="", value=lambda route: problem_text(route, explained)),
     )
     title = _format_first_heading("route", "routes", n_rows, len(check.routes))
     return _format_table_lines(columns, title, check.routes[:n_rows])
@@ -389,5 +409,6 @@ def _format_table_lines(
     """Return the lines of a table."""
     name, *further_columns = columns
     table = Table.from_records([replace(name, title=title), *further_columns], records)
-    lines = [line.rstrip().replace("\u00a0", " ") for line in str(table).splitlines()]
+    text = table.text(width=_measure_width())
+    lines = [line.rstrip().replace("\u00a0", " ") for line in text.splitlines()]
     return [line for line in lines if line.strip(" \u2500")]

@@ -194,12 +194,16 @@ def test_choice_states_both_rates_at_hardest_level():
     standstill, _ = case_of(BETTER, (20, 64, 24), "standstill", "odometry stands still")
     choice = choose_among(usual, slip, standstill)
     assert choice.hardest_level == (
-        "Level standstill: 38 % [27, 50] off at the end, baseline 31 % [21, 43]."
+        "Hardest test: if odometry stands still, drives with safe settings are off at the end in"
+        " 38 % [27, 50], your settings in 31 % [21, 43]."
     )
     assert choose_among(usual, recordings=[Recorded((0.2, 0.06, 0.1))]).hardest_level == ""
     harmful, _ = case_of(BETTER, (9, 64, 1), "slip", "odometry slips")
     quick = choose_among(usual, harmful, drives_all=False)
-    assert quick.hardest_level == "Level slip: 3 % [1, 16] off at the end, baseline not driven."
+    assert quick.hardest_level == (
+        "Hardest test: if odometry slips, drives with safe settings are off at the end in"
+        " 3 % [1, 16]."
+    )
 
 
 def test_preset_that_does_not_lead_is_driven_less():
