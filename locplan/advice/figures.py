@@ -272,8 +272,11 @@ def check_figure(check: Check) -> Figure:
             zorder=6,
             bbox={"boxstyle": "round,pad=.25", "fc": back, "ec": edge},
         )
-    lost = 100 * check.baseline.lost.value
-    title = f"{check.grid.name or 'Map'}: the robot gets lost in {lost:.0f} % of simulated drives"
+    rates = check.baseline
+    rate = f"reaches the goal in {100 * rates.reached.value:.0f} %"
+    if rates.is_mostly_lost:
+        rate = f"gets lost in {100 * rates.lost.value:.0f} %"
+    title = f"{check.grid.name or 'Map'}: the robot {rate} of simulated drives"
     figure.suptitle(title, fontsize="large", weight="bold")
     text = caption_text(check)
     axes.set_title(f"{text[:1].upper()}{text[1:]}", fontsize="small")

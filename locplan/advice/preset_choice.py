@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import itertools
-import shlex
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -181,20 +180,14 @@ class PresetChoice:
             f" in {format_rate(hardest.off_at_end)}{other}."
         )
 
-    def advise_recording(self, command: Sequence[str]) -> str:
-        """Return the advice to test the precise preset on a recording, or an empty text.
-
-        Parameters
-        ----------
-        command : sequence of str
-            The words of the command that was typed.
-        """
+    def advise_recording(self) -> str:
+        """Return the advice to test the precise preset on a recording, or an empty text."""
         if self.untested_error is None:
             return ""
         return (
             f"Precise settings lower the error to {format_metres(self.untested_error)}, but a robot"
-            " that gets lost with them rarely recovers. Test them on a recorded drive:"
-            f" `{shlex.join([*command, '--recording', 'FILE'])}`"
+            " that gets lost with them rarely recovers. To test them on a recorded drive, add"
+            " `--recording FILE`."
         )
 
     def table(self) -> Table:

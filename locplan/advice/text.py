@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 from locplan._support.intervals import Interval, format_metres, format_rate
 from locplan._support.records import Table, TableColumn
-from locplan._support.runs import get_command_line
 from locplan._support.tables import wrap_lines
 from locplan.advice.check_result import Check
 from locplan.advice.driving import Scenario
@@ -279,7 +278,7 @@ def settings_sentences(check: Check, detail: int = 2) -> tuple[str, ...]:
     choice = check.preset_choice
     if choice is None:
         return ()
-    advice = choice.advise_recording(get_command_line() or ["locplan", "check", "MAP"])
+    advice = choice.advise_recording()
     is_contradicted = choice.recordings or any(
         verdict.word == BETTER and name in choice.objections
         for name, verdict in choice.verdicts.items()

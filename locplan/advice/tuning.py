@@ -18,7 +18,6 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Result, Table
-from locplan._support.runs import get_command_line
 from locplan._support.tables import REPORT_WIDTH, nan_to_none
 from locplan.advice.preset_choice import (
     LEVEL_DRIVES,
@@ -205,7 +204,7 @@ def tuning_report(tuning: Tuning) -> str:
     """Return the answer, the table of all drives, and warnings."""
     choice = tuning.choice
     recorded = f" on {tuning.recording}" if tuning.recording else ""
-    hint = choice.advise_recording(get_command_line() or ["locplan", "tune", "MAP"])
+    hint = choice.advise_recording()
     lines = [
         *(_wrap_text(f"note: {note}") for note in tuning.notes),
         _wrap_text(f"{tuning.conclusion}."),
