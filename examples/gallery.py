@@ -236,7 +236,7 @@ plan.figure().savefig('path.png')
 def main(
     folder: str = "gallery", map_file: str = str(MAP), lidar: str = "turtlebot4", *words: str
 ) -> None:
-    """Run the commands in the folder, all or those with one of the words; write index.html."""
+    """Run the commands in the folder, all or those with one of the words; write index.md."""
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     places = _places(map_file)
@@ -258,8 +258,9 @@ def main(
         if drawn:
             short = {name: shlex.quote(file.name) for name, file in files.items()}
             sections.append(_section(entry, picture, command(**short)))
-    (target / "index.html").write_text(PAGE.format(sections="\n".join(sections)), encoding="utf-8")
-    print(f"wrote {target / 'index.html'}")
+    page = "\n".join(["# Gallery\n", "Every picture, with its command.\n", *sections])
+    (target / "index.md").write_text(page, encoding="utf-8")
+    print(f"wrote {target / 'index.md'}")
 
 
 def _places(map_file: str) -> dict[str, str]:
@@ -280,28 +281,13 @@ def _written(file: Path) -> int:
 
 
 def _section(entry: Entry, picture: str, command: str) -> str:
-    file, title = escape(picture), escape(entry.title)
-    shown = f'<img src="{file}" alt="{title}">'
+    """Return the part of the page on a picture, as Markdown."""
+    shown = f"![{entry.title}]({picture})"
     if picture.endswith(".html"):
-        shown = f'<iframe src="{file}" title="{title}"></iframe><a href="{file}">the report</a>'
-    return (
-        f"<section><h2>{title}</h2><p>{escape(entry.see)}</p>{shown}"
-        f"<pre>{escape(command)}</pre></section>"
-    )
-
-
-PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>locplan: gallery</title>
-<meta name="viewport" content="width=device-width">
-<style>
-body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 46rem; margin: auto; padding: 1rem }}
-img {{ max-width: 100% }}
-iframe {{ width: 100%; height: 40rem; border: 1px solid #ccc }}
-pre {{ background: #f2f1ee; padding: .6rem; overflow-x: auto }}
-</style></head><body><h1>What locplan draws</h1>
-{sections}
-</body></html>
-"""
+        file, title = escape(picture), escape(entry.title)
+        frame = f'<iframe src="{file}" title="{title}" loading="lazy"></iframe>'
+        shown = f'{frame}\n\n<a href="{file}">Open the report</a>'
+    return f"## {entry.title}\n\n{entry.see}\n\n```sh\n{command.strip()}\n```\n\n{shown}\n"
 
 
 if __name__ == "__main__":

@@ -10,8 +10,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -34,8 +36,8 @@ from locplan.robots.robot import list_settings
 from locplan.simulation import Simulation
 from locplan.simulation.query_routes import RoutesOnMaps
 
-WIDTH = 100
-"""Width of the help [characters], for which its examples are wrapped."""
+WIDTH = 500
+"""Width of the help [characters], so that each option has one line."""
 RESULTS: dict[str, dict[str, ResultFiles]] = {
     "check": {"": Check.files},
     "plan": {"": locplan.Recommendation.files, "--front": locplan.ParetoFront.files},
@@ -120,11 +122,32 @@ def make_command_page(name: str) -> str:
         encoding="utf-8",
         check=True,
     )
-    lines = "\n".join(line.rstrip() for line in done.stdout.strip().splitlines())
-    text = f"# locplan {name}\n\n```text\n{lines}\n```\n"
+    text = f"# locplan {name}\n\n{convert_help(done.stdout)}"
     if name in RESULTS:
-        text += f"\n## Files\n\n{make_files_sections(name, '###')}"
+        text += f"## Files\n\n{make_files_sections(name, '###')}"
     return text
+
+
+def convert_help(text: str) -> str:
+    """Return the help of a command as Markdown: its boxes become tables."""
+    usage, *paragraphs = text.split("╭", 1)[0].strip().split("\n\n")
+    parts, examples, words = [], "", ""
+    for paragraph in paragraphs:
+        title, _, content = paragraph.partition("\n")
+        if title.strip() == "Examples":
+            lines = "\n".join(line.rstrip() for line in content.splitlines())
+            examples = f"```sh\n{textwrap.dedent(lines)}\n```"
+        elif title.strip() == "Words":
+            pairs = [line.split(maxsplit=1) for line in content.splitlines()]
+            words = make_table(("word", "meaning"), [(f"`{word}`", use) for word, use in pairs])
+        else:
+            parts.append(" ".join(paragraph.split()))
+    parts += [examples, words, f"## Usage\n\n```text\n{usage.removeprefix('Usage: ')}\n```"]
+    for title, content in re.findall(r"╭─ (.+?) ─+╮\n(.*?)╰", text, re.DOTALL):
+        lines = re.findall(r"^│ (?:\* )? *(\S.*?) {2,}(\S.*?) *│", content, re.MULTILINE)
+        rows = [(f"`{name}`", meaning) for name, meaning in lines]
+        parts.append(f"## {title}\n\n{make_table(('name', 'meaning'), rows)}")
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def make_files_page() -> str:

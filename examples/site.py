@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import ast
 import base64
+import hashlib
 import importlib
 import inspect
 import json
@@ -21,7 +22,7 @@ import subprocess
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from html.parser import HTMLParser
@@ -76,9 +77,13 @@ INDEX = {
 LANGUAGES = {".py": "python", ".yaml": "yaml", ".xml": "xml", ".toml": "toml", ".json": "json"}
 """Language of a source page by the suffix of its file."""
 PICTURES = (".png", ".gif", ".svg", ".jpg")
+DOWNLOADS = (".html", ".csv", ".yaml")
+"""Suffixes of results that are copied as they are."""
 STUB = ":::{note}\nThis site was built with `--quick`, which leaves out this page.\n:::\n"
-SEARCHED_MAPS = ("hall", (32.2, 16.0), (4.3, 15.0)), ("two_corridors", (2.0, 3.0), (38.0, 3.0))
+SHARED_MAPS = ("hall", [32.2, 16.0], [4.3, 15.0]), ("two_corridors", [2.0, 3.0], [38.0, 3.0])
 """Maps of the shared pages of the explorer, with start and goal."""
+CHECK = ("check", "maps/two_corridors.yaml", "--lidar", "turtlebot4", "--effort", "quick")
+"""Command that writes the shown report."""
 
 
 def main(*arguments: str) -> None:
@@ -133,6 +138,7 @@ class Site:
 
     def write_sources(self, benchmarks: Path | None = None, *, is_quick: bool = False) -> None:
         """Write the sources of all pages."""
+        self.clear()
         for folder in (self.sources, self.extra):
             folder.mkdir()
         self.write("static/site.css", STYLE)
@@ -150,6 +156,15 @@ class Site:
         while self.waiting:
             self.write_source_page(self.waiting.pop())
 
+    def clear(self) -> None:
+        """Remove an earlier site, but not its cache; exit if the folder holds other files."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        files = [file for file in self.folder.iterdir() if file != self.cache]
+        if files and not (self.folder / ".buildinfo").exists():
+            sys.exit(f"{self.folder} holds other files than a site; name another folder")
+        for file in files:
+            shutil.rmtree(file) if file.is_dir() else file.unlink()
+
     def write(self, name: str, text: str) -> None:
         """Write the source of a page."""
         file = self.sources / name
@@ -163,10 +178,11 @@ class Site:
         pages["commands"] += make_toctree(*commands)
         for name, text in pages.items():
             self.write(f"reference/{name}.md", text)
-        index = "".join(
-            f"- [{title}]({name}.md): {text}\n" for name, (title, text) in INDEX.items()
+        entries = [f"{title} <{name}>" for name, (title, _) in INDEX.items()]
+        lines = [f"- [{title}]({name}.md): {use}\n" for name, (title, use) in INDEX.items()]
+        self.write(
+            "reference/index.md", "".join(["# Reference\n\n", *lines, make_toctree(*entries)])
         )
-        self.write("reference/index.md", f"# Reference\n\n{index}{make_toctree(*INDEX)}")
 
     def make_contents(self, page: str) -> str:
         """Return the hidden list of pages below a page."""
@@ -253,11 +269,56 @@ class Site:
 
     def write_gallery(self, is_quick: bool) -> None:
         """Write the page of all pictures with their commands."""
-        self.write("gallery/index.md", "# Gallery\n\n" + STUB)
+        page = f"# Gallery\n\n{STUB}"
+        if not is_quick:
+            results = self.keep("gallery", make_gallery)
+            self.copy_results(results, "gallery")
+            page = (results / "index.md").read_text("utf-8")
+        self.write("gallery/index.md", page)
 
     def write_results(self, is_quick: bool) -> None:
         """Write the page of results that need no install."""
-        self.write("results.md", "# Results without an install\n\n" + STUB)
+        parts = ["# Results without an install\n", STUB]
+        maps = [name for name, *_ in SHARED_MAPS]
+        if not is_quick:
+            self.copy_results(self.keep("results", make_results), "results")
+            parts[1:] = [
+                "These files come from the commands. Each is one file that needs no server.\n",
+                "## The explorer\n",
+                "Move the pointer over the map to read the uncertainty. Pick another layer, or"
+                " select a path.\n",
+                "```sh\nlocplan explore maps/hall.yaml --lidar turtlebot4\n```\n",
+                *(make_frame(f"results/{name}.html", f"The map {name}") for name in maps),
+                "## The report of a check\n",
+                f"```sh\nlocplan {' '.join(CHECK)} -o report\n```\n",
+                make_frame("results/report/report.html", "The report"),
+            ]
+        self.write("results.md", "\n".join(parts))
+
+    def keep(self, name: str, make: Callable[[Path], None]) -> Path:
+        """Return a folder of results, made again if a program changed."""
+        folder, stamp = self.cache / name, self.cache / f"{name}.sha256"
+        digest = hashlib.sha256()
+        for file in sorted([*(PROJECT / "locplan").rglob("*.py"), *EXAMPLES.glob("*.py")]):
+            digest.update(file.read_bytes())
+        if not stamp.exists() or stamp.read_text("utf-8") != digest.hexdigest():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            make(folder)
+            stamp.write_text(digest.hexdigest(), "utf-8")
+        return folder
+
+    def copy_results(self, results: Path, name: str) -> None:
+        """Copy the pictures of results to the sources, and their pages to the finished site."""
+        for file in results.rglob("*"):
+            if file.suffix in (*PICTURES, *DOWNLOADS):
+                copy = (
+                    (self.extra if file.suffix in DOWNLOADS else self.sources)
+                    / name
+                    / file.relative_to(results)
+                )
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(file, copy)
 
     @cached_property
     def modules(self) -> dict[str, ModuleType]:
@@ -318,6 +379,32 @@ class Site:
 
 
 KINDS = {"class": "Classes", "function": "Functions", "data": "Constants"}
+
+
+def make_gallery(folder: Path) -> None:
+    """Draw the gallery into a folder."""
+    subprocess.run([sys.executable, EXAMPLES / "gallery.py", folder], check=True)
+
+
+def make_results(folder: Path) -> None:
+    """Write the shared pages of the explorer and the report of a check into a folder."""
+    for name, start, goal in SHARED_MAPS:
+        grid = locplan.load_map(PROJECT / "maps" / f"{name}.yaml")
+        robot = locplan.Robot("turtlebot4")
+        with locplan.explore(grid, robot=robot, open_browser=False) as explorer:
+            session = explorer.session
+            session.wait()
+            answer = session.answer("share", start=start, goal=goal, route="shared", view={})
+            page = session.files.get(("download", answer["download"]))
+            (folder / f"{name}.html").write_bytes(page.content)
+    line = [sys.executable, "-m", "locplan", *CHECK, "-o", folder / "report"]
+    subprocess.run(line, cwd=PROJECT, check=True)
+
+
+def make_frame(file: str, title: str) -> str:
+    """Return a finished page in a frame, and a link to it."""
+    frame = f'<iframe src="{file}" title="{title}" loading="lazy"></iframe>'
+    return f'{frame}\n\n<a href="{file}">{title} without the frame</a>\n'
 
 
 def list_modules(module: ModuleType = locplan) -> Iterator[ModuleType]:
@@ -456,20 +543,23 @@ SETTINGS: dict[str, Any] = {
     "html_copy_source": False,
     "html_show_sourcelink": False,
     "html_sidebars": {"index": [], "gallery/index": [], "results": [], "evidence": []},
+    "html_context": {"default_mode": "auto"},
     "html_theme_options": {
         "logo": {"text": "locplan"},
         "header_links_before_dropdown": 6,
         "show_prev_next": False,
         "footer_start": ["copyright"],
         "footer_end": [],
-        "secondary_sidebar_items": ["page-toc"],
+        "secondary_sidebar_items": {"results": [], "**": ["page-toc"]},
     },
     "copyright": f"the contributors of locplan {locplan.__version__}, Apache-2.0",
     "html_show_copyright": True,
 }
 """Settings of Sphinx."""
 STYLE = """
-iframe { width: 100%; height: 42rem; border: 1px solid var(--pst-color-border) }
+iframe { width: 100%; height: 46rem; border: 1px solid var(--pst-color-border) }
+.bd-main .bd-content .bd-article-container:has(iframe) { max-width: 80em }
+.highlight-sh pre, .highlight-console pre { white-space: pre-wrap; overflow-wrap: anywhere }
 """
 """Additions to the style of the theme."""
 

@@ -101,9 +101,9 @@ def test_the_gallery_takes_a_map_whose_path_needs_quotes(gallery):
 def test_the_gallery_shows_each_picture_with_its_command(gallery, tmp_path, capsys):
     module = gallery
     module.main(str(tmp_path), MAP, "turtlebot4", "info.png", "paper_e.png")
-    page = (tmp_path / "index.html").read_text()
-    assert page.count("<section>") == page.count("<img") == 2
-    assert "<pre>locplan info two_corridors.yaml -o info.png</pre>" in page
+    page = (tmp_path / "index.md").read_text("utf-8")
+    assert page.count("\n## ") == page.count("\n![") == 2
+    assert "```sh\nlocplan info two_corridors.yaml -o info.png\n```" in page
     assert "drew paper_e.png" in capsys.readouterr().out
     pictures = [entry.picture for entry in module.ENTRIES]
     assert len(set(pictures)) == len(pictures)

@@ -58,7 +58,9 @@ def test_site_is_searchable_and_complete(built_site):
     for page in ("index", "evidence", "gallery/index", "results", "api/index"):
         assert (built_site / f"{page}.html").is_file()
     for name in COMMANDS:
-        assert "Usage: locplan" in (built_site / f"reference/commands/{name}.html").read_text()
+        page = (built_site / f"reference/commands/{name}.html").read_text("utf-8")
+        assert f"locplan {name}" in page
+        assert 'id="usage"' in page
 
 
 @pytest.mark.long
@@ -97,6 +99,26 @@ def test_links_between_files_become_links_between_pages(site, tmp_path):
     assert (tmp_path / "sources/pictures/examples/choice.png").is_file()
 
 
+def test_site_replaces_only_a_site(site, tmp_path):
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(SystemExit, match="holds other files"):
+        site.Site(tmp_path, tmp_path).clear()
+    (tmp_path / ".buildinfo").touch()
+    (tmp_path / ".cache").mkdir()
+    site.Site(tmp_path, tmp_path).clear()
+    assert [file.name for file in tmp_path.iterdir()] == [".cache"]
+
+
+def test_results_are_made_again_only_after_changes(site, tmp_path, monkeypatch):
+    made = []
+    sources = site.Site(tmp_path, tmp_path)
+    for _ in range(2):
+        sources.keep("gallery", made.append)
+    monkeypatch.setattr(site, "PROJECT", tmp_path)
+    sources.keep("gallery", made.append)
+    assert len(made) == 2
+
+
 def test_source_page_shows_a_linked_program(site, tmp_path):
     sources = site.Site(tmp_path, tmp_path)
     linked = sources.rewrite_links("[c](../compare.py)", EXAMPLES / "guides", "guides/start")
@@ -121,6 +143,18 @@ def test_reference_explains_every_file_and_name(reference):
     assert "| `alpha1` |" in reference.make_settings_page()
     assert "`time_limit`" in reference.make_planners_page()
     assert "`--slowest` | 0.3" in reference.make_formats_page()
+
+
+def test_help_becomes_tables(reference):
+    box = (
+        "╭─ Options ──────╮\n│ *  --a X|Y  Word `b`.  [required] │\n│    --c -d   Text. │\n╰────╯\n"
+    )
+    text = f"Usage: locplan x [OPTIONS]\n\nDo\nit.\n\nExamples\n  locplan x 1 \\\n      2\n\n{box}"
+    page = reference.convert_help(text)
+    assert page.startswith("Do it.\n\n```sh\nlocplan x 1 \\\n    2\n```\n")
+    assert "## Usage\n\n```text\nlocplan x [OPTIONS]\n```" in page
+    assert r"| `--a X\|Y` | Word `b`. [required] |" in page
+    assert "| `--c -d` | Text. |" in page
 
 
 def test_reference_has_the_files_of_all_results(reference):
