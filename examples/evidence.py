@@ -14,6 +14,7 @@ it was measured with.
 from __future__ import annotations
 
 import csv
+import functools
 import itertools
 import math
 import re
@@ -103,6 +104,7 @@ def format_number(value: object) -> object:
     return int(rounded) if rounded == int(rounded) else rounded
 
 
+@functools.cache
 def find_version() -> str:
     """Return the version of locplan with the commit of this folder, if there is one."""
     command = ["git", "rev-parse", "--short=8", "HEAD"]
