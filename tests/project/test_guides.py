@@ -34,8 +34,8 @@ LINKING = (
 )
 GIVEN = ("maps", "examples/nav2_params.yaml")
 """Files that a reader copies to a folder, as the guides' first page says."""
-RUN, SHOWN = ("sh", "python", "console"), ("text", "yaml")
-"""Languages of blocks that are run, and of those that are only shown."""
+RUN, SHOWN = ("sh", "python", "console", "text"), ("yaml",)
+"""Languages of blocks that are run or compared with output, and of those that are only shown."""
 SETS_UP = "python3 -m venv"
 """Beginning of a block that makes an environment; `.ci/run` runs those of README.md."""
 
@@ -50,8 +50,9 @@ preset_choice.LEVEL_DRIVES = tuning.LEVEL_DRIVES = 8  # instead of 64
 main()
 """
 """A program that is `locplan tune` with fewer drives at each level of disturbance."""
-FINISHED: dict[str, Path] = {}
-"""Results of blocks that read only a reader's first files, by text: README.md repeats some."""
+FINISHED: dict[str, tuple[Path, str]] = {}
+"""Files and output of blocks that read only a reader's first files, by text."""
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 def run_in_shell(example: Example) -> None:
@@ -60,7 +61,8 @@ def run_in_shell(example: Example) -> None:
     if text.startswith(SETS_UP):
         return
     if text in FINISHED:
-        shutil.copytree(FINISHED[text], Path.cwd(), dirs_exist_ok=True)
+        files, example.namespace["printed"] = FINISHED[text]
+        shutil.copytree(files, Path.cwd(), dirs_exist_ok=True)
         return
     first_files = {file.name for file in Path.cwd().iterdir()}
     lines = [
@@ -69,13 +71,53 @@ def run_in_shell(example: Example) -> None:
     ]
     done = subprocess.run(["sh", "-ec", "\n".join(lines)], capture_output=True, text=True)
     assert done.returncode == 0, f"{example.path}:{example.line}\n{done.stdout}{done.stderr}"
+    example.namespace["printed"] = done.stdout
     if first_files == {Path(name).name for name in GIVEN}:
-        FINISHED[text] = shutil.copytree(
+        files = shutil.copytree(
             Path.cwd(),
             Path(tempfile.mkdtemp(dir=Path.cwd().parent)),
             ignore=shutil.ignore_patterns(*first_files),
             dirs_exist_ok=True,
         )
+        FINISHED[text] = files, done.stdout
+
+
+def is_same_word(shown: str, printed: str) -> bool:
+    """True if two words are equal, or differ only by numbers of about the same size."""
+    if NUMBER.sub("0", shown) != NUMBER.sub("0", printed):
+        return False
+    numbers = [[float(n) for n in NUMBER.findall(word)] for word in (shown, printed)]
+    return all(
+        abs(one - two) <= max(0.2 * abs(two), 5.0 if one == int(one) and two == int(two) else 0.02)
+        for one, two in zip(*numbers, strict=True)
+    )
+
+
+def find_excerpt(excerpt: list[str], words: list[str], start: int) -> int | None:
+    """Return the index after the first place from `start` on at which words hold an excerpt."""
+    for first in range(start, len(words) - len(excerpt) + 1):
+        if all(map(is_same_word, excerpt, words[first:])):
+            return first + len(excerpt)
+    return None
+
+
+def find_wrong_excerpt(shown: str, printed: str) -> str | None:
+    """Return the first part of shown output, split at lines of `...`, that was not printed."""
+    words, place = printed.split(), 0
+    for part in re.split(r"^ *\.\.\. *$", shown, flags=re.MULTILINE):
+        if (end := find_excerpt(part.split(), words, place)) is None:
+            return part
+        place = end
+    return None
+
+
+def compare_with_output(example: Example) -> None:
+    """Fail if a block shows output that the command before it did not print."""
+    printed = example.namespace.get("printed")
+    place = f"{example.path}:{example.line}"
+    assert printed is not None, f"{place}: a text block shows the output of the block before it"
+    wrong = find_wrong_excerpt(example.parsed, printed)
+    assert wrong is None, f"{place}: not printed:\n{wrong}\nbut:\n{printed}"
 
 
 def run_in_terminal(example: Example) -> None:
@@ -101,6 +143,7 @@ PARSED = Sybil(
         CodeBlockParser("sh", run_in_shell),
         CodeBlockParser("console", run_in_terminal),
         CodeBlockParser("python", PythonEvaluator()),
+        CodeBlockParser("text", compare_with_output),
     ]
 )
 
@@ -154,11 +197,18 @@ def test_no_block_of_a_guide_is_skipped(page):
     assert found == sum(language in RUN for language in languages)
 
 
-def test_every_guide_stands_in_the_index_and_says_what_comes_next():
+def test_shown_output_matches_equal_words_and_close_numbers():
+    printed = "a  b 10\nc d\nerror 0.45 [0.34, 0.61]"
+    assert find_wrong_excerpt("a b 12\n...\nerror 0.50 [0.34, 0.61]", printed) is None
+    assert find_wrong_excerpt("a b 12\n...\nerror 0.60 [0.34, 0.61]", printed) is not None
+    assert find_wrong_excerpt("a c", printed) == "a c"
+    assert find_wrong_excerpt("c d\n...\na b 10", printed) is not None
+
+
+def test_index_lists_every_guide():
     index = (GUIDES / "README.md").read_text("utf-8")
     for page in PAGES:
-        assert f"]({page.name})" in index
-        assert re.search(r"^Next: .*\]\(", page.read_text("utf-8"), re.MULTILINE), page.name
+        assert f"]({page.name})" in index, page.name
 
 
 def without_code(text: str) -> str:
