@@ -55,8 +55,8 @@ def is_shown_right(claim: re.Match[str], row: dict[str, str]) -> bool:
     if claim["link"] == "to":
         numbers = [(claim["value"], row["low"]), (claim["second"], row["high"])]
     elif claim["link"] == "of":
-        count = round(float(row["value"]) * float(row["n"]))
-        numbers = [(claim["value"], str(count)), (claim["second"], row["n"])]
+        is_count = row["unit"] == f"of {row['n']}"
+        numbers = [(claim["value"], row["value"] if is_count else ""), (claim["second"], row["n"])]
     else:
         numbers = [(claim["value"], row["value"])]
     if claim["interval"]:
@@ -100,7 +100,7 @@ def test_readme_tags_every_number_of_its_evidence():
 
 ROWS = {
     "rank": {"value": "0.901", "low": "0.875", "high": "0.921", "unit": "", "n": "1222"},
-    "arrived": {"value": "0.125", "low": "0.02", "high": "0.5", "unit": "", "n": "8"},
+    "arrived": {"value": "1", "low": "0.2", "high": "4", "unit": "of 8", "n": "8"},
 }
 
 
