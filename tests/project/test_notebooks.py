@@ -39,8 +39,8 @@ def texts_of(file: Path) -> str:
     return json.dumps(cells)
 
 
-def test_there_are_three_notebooks():
-    assert [file.name[0] for file in NOTEBOOKS] == ["1", "2", "3"]
+def test_there_are_two_notebooks():
+    assert [file.name[0] for file in NOTEBOOKS] == ["1", "2"]
 
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
