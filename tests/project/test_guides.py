@@ -40,8 +40,10 @@ SETS_UP = "python3 -m venv"
 """Beginning of a block that makes an environment; `.ci/run` runs those of README.md."""
 
 
-QUICK = {"locplan tune maps/": "--paths 5 --drives 2"}
+QUICK = {"locplan tune maps/": "--paths 5 --drives 2", "python examples/paper.py paper": "0.1"}
 """Further options of commands that take long, by their beginning; no page depends on these."""
+PROGRAMS = f"{shlex.quote(sys.executable)} {shlex.quote(str(PROJECT / 'examples'))}/"
+"""Beginning of a line that runs a program of the project from another folder."""
 QUICK_TUNE = """
 from locplan.advice import preset_choice, tuning
 from locplan.__main__ import main
@@ -69,6 +71,7 @@ def run_in_shell(example: Example) -> None:
         " ".join([line, *(more for start, more in QUICK.items() if line.startswith(start))])
         for line in text.splitlines()
     ]
+    lines = [re.sub("^python examples/", lambda _: PROGRAMS, line) for line in lines]
     done = subprocess.run(["sh", "-ec", "\n".join(lines)], capture_output=True, text=True)
     assert done.returncode == 0, f"{example.path}:{example.line}\n{done.stdout}{done.stderr}"
     example.namespace["printed"] = done.stdout
