@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import locplan
+from locplan._support.drawing import BLUE
 from locplan.maps.figures import draw_map
 from locplan.planning.figures import draw_start_and_goal
 from locplan.simulation import Arrivals, Simulator, drive_closed
@@ -21,7 +22,7 @@ from locplan.simulation import Arrivals, Simulator, drive_closed
 MAP = Path(__file__).resolve().parent.parent / "maps" / "hall.yaml"
 START, GOAL = (32.2, 16.0), (4.3, 15.0)
 DRIVES = 60
-COLOURS = {"shortest": "#b5431f", "recommended": "#00857c"}
+COLOURS = {"shortest": "black", "recommended": BLUE}
 TICK = 0.1
 """Time between two poses of a drive [s]."""
 

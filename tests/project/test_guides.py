@@ -54,6 +54,8 @@ main()
 """A program that is `locplan tune` with fewer drives at each level of disturbance."""
 FINISHED: dict[str, tuple[Path, str]] = {}
 """Files and output of blocks that read only a reader's first files, by text."""
+PAGE_COLUMNS = "104"
+"""Width of the terminal whose output the pages show."""
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
@@ -72,7 +74,12 @@ def run_in_shell(example: Example) -> None:
         for line in text.splitlines()
     ]
     lines = [re.sub("^python examples/", lambda _: PROGRAMS, line) for line in lines]
-    done = subprocess.run(["sh", "-ec", "\n".join(lines)], capture_output=True, text=True)
+    done = subprocess.run(
+        ["sh", "-ec", "\n".join(lines)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "COLUMNS": PAGE_COLUMNS},
+    )
     assert done.returncode == 0, f"{example.path}:{example.line}\n{done.stdout}{done.stderr}"
     example.namespace["printed"] = done.stdout
     if first_files == {Path(name).name for name in GIVEN}:
