@@ -34,8 +34,11 @@ LINKING = (
 )
 GIVEN = ("maps", "examples/nav2_params.yaml")
 """Files that a reader copies to a folder, as the guides' first page says."""
-RUN, SHOWN = ("sh", "python", "console", "text"), ("yaml",)
-"""Languages of blocks that are run or compared with output, and of those that are only shown."""
+RUN, SHOWN = ("sh", "python", "console", "text"), ("yaml", "bash")
+"""Languages of blocks that are run or compared with output, and of those that are only shown.
+
+A `bash` block needs ROS.
+"""
 SETS_UP = "python3 -m venv"
 """Beginning of a block that makes an environment; `.ci/run` runs those of README.md."""
 
