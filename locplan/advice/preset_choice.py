@@ -54,7 +54,7 @@ class LevelCase:
     looks: tuple[int, ...]
     """Numbers of drives along each path at the interim looks and at the last look."""
     fault: str = ""
-    """The fault of the level in words, such as "odometry stands still over 2 m"; empty at the usual
+    """The fault of the level in words, such as "odometry reports no motion over 2 m"; empty at the usual
     level. There presets must be better, and at others they must do no harm."""
 
     @property

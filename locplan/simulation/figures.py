@@ -415,7 +415,7 @@ def _draw_blind_region(
         limits = axes.axis()
         axes.plot(*blind.range_circle.xy.T, **RANGE_STYLE)
         axes.axis(limits)
-        text = "the lidar's range at a place of the shortest path"
+        text = "the lidar's range at a place on the shortest path"
         handles.append(Line2D([], [], label=text, **RANGE_STYLE))
     return handles
 

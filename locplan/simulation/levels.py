@@ -221,7 +221,7 @@ class Level:
     name: str
     """Name, such as "standstill"."""
     phrase: str
-    """The fault for people, such as "odometry stands still over 2 m"."""
+    """The fault for people, such as "odometry reports no motion over 2 m"."""
     missing: float = 0.0
     """Share of the motion that odometry misses at some places, 0 to 2: 1 reports none of it, and 2
     reports it backwards. Turns are reported."""
@@ -343,7 +343,7 @@ NO_FAULT = Level("usual", "odometry and map are sound")
 SLIP = Level("slip", "odometry misses half of the motion over 2 m", missing=0.5)
 """Slips above 0.3 m are rare, at most one in 3,840 m, so this one of 1 m is a hard one. In eight
 recordings with such slips, likelihood_field_prob lost none of 96 runs."""
-STANDSTILL = Level("standstill", "odometry stands still over 2 m", missing=1.0)
+STANDSTILL = Level("standstill", "odometry reports no motion over 2 m", missing=1.0)
 """From here on settings that trust odometry lose a robot for good: of two recordings, one ended so
 in 1 of 12 runs and the other in 11."""
 REVERSAL = Level("reversal", "odometry reports reversing as forward motion", is_sign_lost=True)

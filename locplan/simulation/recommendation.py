@@ -406,13 +406,13 @@ LOOP_NOTE = (
 )
 """Explains how the drives of the table and those in closed loop differ."""
 NAME_NOTES = {
-    "detour": "detour: avoids the paths above it",
+    "detour": "detour N: avoids the shortest path and the detours before N",
     "aware": "aware: avoids places with few features in the lidar's range",
 }
 """Explains names of candidates, by their beginning."""
 RACE_NOTE = (
-    f"~: eliminated after {ROUNDS[0]} or {ROUNDS[1]} drives, because of its error or its length;"
-    " the error is estimated from the ratio to the shortest path in the same drives"
+    f"~: rough estimate; dropped after {ROUNDS[0]} or {ROUNDS[1]} drives, because it is too"
+    " inaccurate or too long"
 )
 """Explains the mark of errors that are scaled."""
 

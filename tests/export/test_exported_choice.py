@@ -70,7 +70,7 @@ def tuned_better(choice):
 
 def test_each_candidate_is_the_cheapest_path_on_its_costmap(driven):
     names = [each.name for each in driven.candidates]
-    assert {"shortest", "detour", "around"} <= {*names}
+    assert {"shortest", "detour 1", "around"} <= {*names}
     assert AWARE in names
     for each in driven.candidates:
         costs = taking(driven, each.name).costmap() if each.name != "shortest" else None
@@ -82,7 +82,7 @@ def test_each_candidate_is_the_cheapest_path_on_its_costmap(driven):
 def test_limits_bind_the_mask_too(driven):
     limit = float(np.nanquantile(driven.costs.e, 0.9))
     settings = dataclasses.replace(driven.settings, max_e=limit)
-    costs = dataclasses.replace(taking(driven, "detour"), settings=settings).costmap()
+    costs = dataclasses.replace(taking(driven, "detour 1"), settings=settings).costmap()
     passable = np.isfinite(costs.density)
     assert costs.e[passable].max() <= limit < np.nanmax(driven.costs.e)
 

@@ -319,7 +319,7 @@ def test_stretches_without_a_scan_to_compare_are_counted(found):
     matches = dataclasses.replace(found.matches, covariance=100 * found.matches.covariance)
     vague = dataclasses.replace(found, matches=matches)
     every = len(np.unique(found.blocks))
-    assert "with a standard deviation of" in vague.verdict[1]
+    assert "have a standard deviation of" in vague.verdict[1]
     assert "to compare" not in vague.verdict[1]
     unknown = found.predicted["sad"].copy()
     unknown[np.isin(found.blocks, np.unique(found.blocks)[:2])] = np.nan

@@ -359,7 +359,7 @@ def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
     legend = [each.get_text() for each in found.figure().legends[0].get_texts()]
     assert "0 of 3 [0, 56 %] arrive (3 have no way)" in " ".join(legend[0].split())
     assert "3 of 3 [44, 100 %] arrive" in " ".join(legend[1].split())
-    assert {"a robot stops", "a robot ends"} <= set(legend)
+    assert {"a robot stops short of the goal", "a robot ends short of the goal"} <= set(legend)
     found.save(tmp_path / "out")
     with (tmp_path / "out" / "arrivals.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
