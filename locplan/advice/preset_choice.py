@@ -54,8 +54,8 @@ class LevelCase:
     looks: tuple[int, ...]
     """Numbers of drives along each path at the interim looks and at the last look."""
     fault: str = ""
-    """The fault of the level in words, such as "odometry reports no motion over 2 m"; empty at the usual
-    level. There presets must be better, and at others they must do no harm."""
+    """The fault of the level in words, such as "odometry reports no motion over 2 m"; empty at the
+    usual level. There presets must be better, and at others they must do no harm."""
 
     @property
     def is_usual(self) -> bool:
