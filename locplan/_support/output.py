@@ -98,7 +98,7 @@ class ResultOutput:
             ):
                 fault = "was changed after locplan wrote it"
                 if name not in recorded_digests:
-                    fault = "is no earlier result of this command"
+                    fault = "was not written by this command"
                 raise LocplanError(f"{self._folder / name}: {fault}; {self._remedy}")
 
     @contextmanager

@@ -134,7 +134,7 @@ class RoutesOptions(Nav2Options, FrameOptions):
     graph: Path | None = make_option_field(None, metavar="FILE")
     """Route graph (GeoJSON) whose edges get our cost, instead of paths."""
     set_cost: bool = make_option_field(False)
-    """Write our cost as Nav2's cost of the edges, too."""
+    """Also write our cost as Nav2's edge cost."""
 
     def __post_init__(self) -> None:
         from locplan.export.user_graph import UserGraph

@@ -213,13 +213,12 @@ class MapInfo(DrawableResult):
                 f"{place.name} {place.position_argument}" for place in (pair.start, pair.goal)
             )
             digits = 0 if pair.distance >= 9.95 else 1
-            parts.append(f"{ends}: {pair.distance:.{digits}f} m by the shortest way")
+            parts.append(f"{ends}: {pair.distance:.{digits}f} m by the shortest path")
             parts.append(f"  {self.format_plan_command(pair)}")
         if self.pairs:
             parts.append(
-                f"{LIDAR} stands for your lidar, or the robot that carries it (locplan info"
-                " lists them); plan simulates it on the candidates, and locplan check reports where"
-                " your robot gets lost"
+                f"{LIDAR} stands for your lidar, or the robot that carries it (`locplan info`"
+                " lists them)."
             )
         return "\n".join([*parts, *(f"warning: {warning}" for warning in self.warnings)])
 

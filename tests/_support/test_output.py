@@ -58,7 +58,7 @@ def test_output_refuses_other_files_without_force(tmp_path, earlier):
     if earlier:
         write(tmp_path, earlier | {"z": "1"})
     (tmp_path / "a").write_text("mine")
-    fault = "was changed after locplan wrote it" if earlier else "is no earlier result"
+    fault = "was changed after locplan wrote it" if earlier else "was not written by"
     with pytest.raises(LocplanError, match=f"a: {fault}.*--force"):
         ResultFiles("plan", ("b",)).make_output(tmp_path)
     with pytest.raises(LocplanError, match=f"a: {fault}"):
@@ -94,7 +94,7 @@ def test_output_refuses_results_of_another_command(tmp_path):
 def test_output_ignores_hidden_files_and_files_of_unfinished_work(tmp_path):
     (tmp_path / ".DS_Store").write_text("1")
     (tmp_path / "runs.jsonl").write_text("1")
-    with pytest.raises(LocplanError, match=r"runs\.jsonl: is no earlier result"):
+    with pytest.raises(LocplanError, match=r"runs\.jsonl: was not written by"):
         write(tmp_path, {"a": "1"})
     for _ in range(2):
         write(tmp_path, {"a": "1"}, unfinished=("runs.jsonl",))
@@ -107,7 +107,7 @@ def test_output_refuses_link_even_to_equal_content(tmp_path, kind):
     target.write_text("1") if kind == "file" else target.mkdir()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "link").symlink_to(target)
-    with pytest.raises(LocplanError, match="link: is no earlier result"):
+    with pytest.raises(LocplanError, match="link: was not written by"):
         write(tmp_path / "out", {"a": "1"})
 
 
@@ -127,7 +127,7 @@ def test_file_is_replaced_if_it_is_as_locplan_wrote_it(tmp_path):
 
 def test_file_of_others_is_refused(tmp_path):
     (tmp_path / "path.csv").write_text("mine")
-    with pytest.raises(LocplanError, match=r"path\.csv: is no earlier result of this command"):
+    with pytest.raises(LocplanError, match=r"path\.csv: was not written by this command"):
         write_file(tmp_path / "path.csv", "1")
     assert content(tmp_path) == {"path.csv": "mine"}
 
@@ -157,7 +157,7 @@ def test_folder_in_place_of_a_file_is_never_replaced(tmp_path):
 @pytest.mark.parametrize("run", ["", "notes of mine", "[" * 200, "[1]", "kind: run", "\xff"])
 def test_run_file_of_others_is_refused(tmp_path, run):
     (tmp_path / "run.yaml").write_text(run, encoding="latin-1")
-    with pytest.raises(LocplanError, match=r"run\.yaml: is no earlier result"):
+    with pytest.raises(LocplanError, match=r"run\.yaml: was not written by"):
         write(tmp_path, {"a": "1"})
     assert (tmp_path / "run.yaml").read_text(encoding="latin-1") == run
     write(tmp_path, {"a": "1"}, force=True)
@@ -364,7 +364,7 @@ def test_commands_refuse_a_folder_with_other_files(run, room, tmp_path, command)
     places = {"ROOM": room, "OTHER": tmp_path / "other.yaml", "OUT": tmp_path / "OUT"}
     code, out, err = run(*(places.get(each, each) for each in command))
     assert code == 2
-    assert "OUT/notes.txt: is no earlier result of this command; name another folder" in out + err
+    assert "OUT/notes.txt: was not written by this command; name another folder" in out + err
     assert [each.name for each in (tmp_path / "OUT").iterdir()] == ["notes.txt"]
 
 
@@ -384,7 +384,7 @@ def test_commands_replace_only_their_own_file(run, room, tmp_path, command, name
     command = [{"ROOM": room, "OUT": file}.get(each, each) for each in command]
     code, _, err = run(*command)
     assert code == 2
-    assert f"{name}: is no earlier result of this command; name another file" in err
+    assert f"{name}: was not written by this command; name another file" in err
     assert file.read_text() == "mine"
     assert [run(*command, "--force")[0], run(*command)[0]] == [0, 0]
     assert (tmp_path / f"{name}.run.yaml").exists()
@@ -396,7 +396,7 @@ def test_landmarks_are_not_placed_if_the_folder_is_refused(run, room, tmp_path, 
     command = "landmarks", room, *ENDS, "--object", "pole", "--lidar", "turtlebot4", "-o", tmp_path
     code, _, err = run(*command)
     assert (code, placed) == (2, [])
-    assert "other.pgm: is no earlier result" in err
+    assert "other.pgm: was not written by" in err
 
 
 def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):
