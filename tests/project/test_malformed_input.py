@@ -302,7 +302,7 @@ def test_arrays_larger_than_their_limit_are_not_read(tmp_path):
 @pytest.mark.parametrize("text", [DEEP, "[]", '{"outputs": []}', "kind: run\nversion: 1", "\0"])
 def test_folder_with_a_damaged_run_is_refused(tmp_path, text):
     (tmp_path / "run.yaml").write_text(text)
-    with pytest.raises(LocplanError, match=r"run\.yaml: is no earlier result"):
+    with pytest.raises(LocplanError, match=r"run\.yaml: was not written by"):
         list_formats()["ros-map"].check_target(tmp_path)
 
 

@@ -127,7 +127,7 @@ def test_recording_replaces_files_by_force_alone(run, files):
     target = files / "drive.npz"
     target.write_text("mine")
     command = "recording", files / "monday.npz", "-o", target
-    assert "drive.npz: is no earlier result of this command" in check_refusal(run(*command))
+    assert "drive.npz: was not written by this command" in check_refusal(run(*command))
     assert run(*command, "--force")[0] == 0
     assert run(*command)[0] == 0  # over an earlier result
 

@@ -79,7 +79,7 @@ def test_saved_choices_are_read_back(made, tmp_path):
     assert len(rows) == len(QUERIES)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "choices.csv").write_text("mine")
-    with pytest.raises(LocplanError, match=r"choices\.csv: is no earlier result"):
+    with pytest.raises(LocplanError, match=r"choices\.csv: was not written by"):
         made.save(tmp_path / "mine")
     same = Recommendations((made[0], made[0]))
     with pytest.raises(ConfigError, match="two recommendations would be saved as far"):
