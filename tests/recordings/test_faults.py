@@ -128,6 +128,15 @@ def test_faults_ignore_gap_of_log(drive):
     assert find_recording_faults(dataclasses.replace(some, times=None)).n_jumps == 1
 
 
+def test_steps_across_gap_are_not_compared():
+    """In a corridor, the scans on both sides of a gap match at the edge of the search window."""
+    grid = environments.make("two_corridors", resolution=0.1)
+    drive = simulate_recording(grid, straight(8.0, 32.0, y=3.0), lidar=LIDAR)
+    drive = dataclasses.replace(drive, times=0.2 * np.arange(len(drive)))
+    gap = np.r_[:80, 120 : len(drive)]
+    assert find_recording_faults(drive[gap]).disagreements == ()
+
+
 def test_faults_find_kinked_map(office, drive):
     turn = cv2.getRotationMatrix2D((126.0, 76.0), 10.0, 1.0)  # about the cell of (12, 7)
     cells = cv2.warpAffine(
