@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import locplan
-from locplan._support.drawing import FIELD_COLOURS
+from locplan._support.drawing import FIELD_COLOURS, RECOMMENDED
 
 PAGE = Path(locplan.__file__).parent / "app" / "explorer" / "page"
 BUILT = PAGE / "dist"
@@ -48,6 +48,11 @@ def test_lock_file_names_no_registry():
 def test_page_has_no_inline_style_or_script():
     page = (BUILT / "index.html").read_text()
     assert not re.search(r" style=|<style| on\w+=|<script>|https?://", page)
+
+
+def test_recommended_path_has_one_colour():
+    """The page draws recommended paths as pictures do."""
+    assert f"--route:{RECOMMENDED};" in (PAGE / "src" / "page.css").read_text().replace(" ", "")
 
 
 def test_page_has_colours_of_pictures():

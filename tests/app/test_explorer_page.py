@@ -17,7 +17,7 @@ import locplan.app.explorer
 pytest.importorskip("starlette", reason="the explorer's server is not installed")
 pytestmark = pytest.mark.skipif(browser_file() is None, reason="no chromium on this machine")
 
-TEAL = (8, 122, 126)
+BLUE = (0, 114, 178)
 """Colour of the recommended path on a light page."""
 AXE = Path(locplan.app.explorer.__file__).parent / "page/node_modules/axe-core/axe.min.js"
 MOVED = """([x, y]) => {
@@ -150,10 +150,10 @@ def test_each_change_outdates_results_and_undo_restores_them(visit):
 
 def test_results_are_hidden_until_change_is_answered(visit, browser):
     window = visit(answers={"change": lambda question, basis: None})
-    window.wait_for_colour(TEAL)
+    window.wait_for_colour(BLUE)
     window.draw("wall")
     assert set(statuses(window).values()) <= {"none", "waiting"}
-    assert not window.has_colour(TEAL)
+    assert not window.has_colour(BLUE)
     assert "–" in window.text("aside table")
 
 
@@ -386,7 +386,7 @@ def test_shared_page_works_from_disk(visit, tmp_path, is_edited):
     shared = visit(file.as_uri())
     assert shared.text("aside table") == window.text("aside table")
     assert shared.page.locator("aside .main, .tools, #undo").count() == 0
-    shared.wait_for_colour(TEAL)
+    shared.wait_for_colour(BLUE)
     x, y = shared.middle(".marker.start")
     shared.page.mouse.move(x + 60, y)
     shared.page.locator(".readout", has_text="Position ±").wait_for()
@@ -395,9 +395,9 @@ def test_shared_page_works_from_disk(visit, tmp_path, is_edited):
 
 def test_dark_page_follows_system(visit):
     window = visit(color_scheme="dark")
-    window.wait_for_colour((63, 217, 207))
+    window.wait_for_colour((86, 180, 233))
     window.page.emulate_media(color_scheme="light")
-    window.wait_for_colour(TEAL)
+    window.wait_for_colour(BLUE)
 
 
 def test_page_returns_after_restart_of_server(browser, server):

@@ -109,15 +109,15 @@ function ellipse({ x, y, axes, angle }) {
 }
 
 const STYLES = {
-	recommended: () => haloed(palette.teal, 6),
+	recommended: () => haloed(palette.route, 6),
 	shortest: () => haloed(palette.ink, 3, [9, 6]),
-	driven: () => haloed(palette.pole, 2.5),
-	chosen: () => haloed(palette.via, 3, [14, 4, 3, 4]),
+	driven: () => haloed(palette.quiet, 2.5),
+	chosen: () => haloed(palette.route, 4),
 	spot: () => [new Style({ stroke: stroke(palette.halo, 3.5) }), new Style({ stroke: stroke("#7a3b00", 1.5, [3, 3]) })],
 	zone: (feature) => zoneStyle(feature.get("zone")),
 	letter: (feature) => badge(feature, "#7a3b00", "#fff"),
 	pole: (feature) => badge(feature, palette.pole, palette.halo),
-	dot: (feature) => new Style({ image: disc(6.5, feature.get("name") === "recommended" ? palette.teal : palette.ink) }),
+	dot: (feature) => new Style({ image: disc(6.5, feature.get("name") === "recommended" ? palette.route : palette.ink) }),
 	probe: () => new Style({ fill: new Fill({ color: `${palette.teal}55` }), stroke: stroke(palette.teal, 2) }),
 	stroke: (feature) => strokeStyle(feature.get("tool"), feature.get("width")),
 };

@@ -79,7 +79,7 @@ function paint() {
 	paintAxes(pen, { top, across, up, width, height });
 	const trace = (s, values, from = s.length - 1, by = -1) => s.forEach((_, k) => pen.lineTo(across(s[by > 0 ? k : from - k]), up(values[by > 0 ? k : from - k])));
 	for (const { name, s, values, band } of series.value) {
-		const colour = name === "recommended" ? palette.teal : palette.ink;
+		const colour = name === "recommended" ? palette.route : palette.ink;
 		pen.fillStyle = pen.strokeStyle = colour;
 		pen.globalAlpha = 0.14;
 		pen.beginPath();

@@ -1,7 +1,7 @@
 // Light and dark follow the system; canvases read their colours from the style sheet.
 import { signal } from "@preact/signals";
 
-const NAMES = "ground free wall ink halo teal goal via quiet line mark slow pole".split(" ");
+const NAMES = "ground free wall ink halo teal route goal via quiet line mark slow pole".split(" ");
 // Every sixteenth colour of matplotlib's magma.
 const STOPS = "0000040a08221d114736106b51127c6a1c818326819c2e7fb73779d0416fe75263f56b5cfc8961fea772fec488fde2a3fcfdbf".match(/.{6}/g);
 // The ends are left out: they would vanish in walls and ground.
