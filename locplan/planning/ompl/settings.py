@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import platform
 import re
 import sys
 from collections.abc import Iterator, Mapping
@@ -19,6 +20,8 @@ try:
     from ompl.base import Cost as Cost
 except ModuleNotFoundError:
     alternatives = {"Windows": "WSL"} if sys.platform == "win32" else {}
+    if sys.platform == "darwin" and int(platform.mac_ver()[0].partition(".")[0] or 15) < 15:
+        alternatives["macOS 14 and earlier"] = "macOS 15"
     if sys.version_info >= (3, 14):
         alternatives["Python 3.14 and later"] = "Python 3.13"
     raise LocplanError(
@@ -26,7 +29,7 @@ except ModuleNotFoundError:
         " for it;"
         f" take grid or any-angle, or {' with '.join(alternatives.values())}"
         if alternatives
-        else "OMPL's planners need ompl, which is not installed: pip install 'ompl>=2.0.1'"
+        else "OMPL's planners need ompl: pip install 'locplan[ompl]', or take grid or any-angle"
     ) from None
 
 
