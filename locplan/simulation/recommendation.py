@@ -60,6 +60,8 @@ MOSTLY_LOST = 0.5
 """Share of lost drives from which a path, or a filter, is no remedy."""
 SMALL_GAIN = 0.02
 """Difference of the errors below which a recommended path gains little [m]."""
+SMALLEST_SAVING = 0.05
+"""Degenerate metres that an aware path must save if nothing is driven: the table rounds to .1 m."""
 
 NO_PATH = {
     "unreachable": "The goal is unreachable: {note}.",
@@ -565,13 +567,25 @@ class Recommendation(Result, StoredResult):
 
     @property
     def best(self) -> int:
-        """Index of the recommended candidate: the field's aware path if nothing was driven."""
+        """Index of the recommended candidate.
+
+        If nothing was driven, it is the field's aware path, if that is less degenerate than the
+        shortest one.
+        """
         if self.judgement is None:
-            return int(len(self.candidates) > 1 and self.candidates[1].planner != "")
+            return int(self._avoids_degenerate_metres)
         takes = (
             self.judgement.recommends_leader(self.settings.bold) and not self._has_fewer_arrivals
         )
         return self.judgement.leader if takes else 0
+
+    @property
+    def _avoids_degenerate_metres(self) -> bool:
+        """True if the field's aware path has fewer degenerate metres than the shortest one."""
+        if len(self.candidates) < 2 or not self.candidates[1].planner:
+            return False
+        shortest, aware = (candidate.metrics.integrated_u for candidate in self.candidates[:2])
+        return shortest - aware >= SMALLEST_SAVING
 
     @property
     def _arrivals(self) -> list[Arrivals]:

@@ -759,6 +759,9 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert "--lidar" in found.answer[1]
     labels = [each.get_text() for each in found.figure().legends[0].get_texts()]
     assert sum(each.startswith("untested: localizability-aware") for each in labels) == 1
+    same = recommend(grid, (2.0, 3.0), (3.0, 3.0), costs=FieldConfig(Sad(), stride=0.5))
+    assert len(same.candidates) == 2
+    assert same.sentence == "Untested: take the shortest path (1.0 m)."
     robot = Robot(Lidar(range=6.0))
     coarse = FieldConfig(Fisher(robot.lidar), stride=1.0)
     undriven = recommend(grid, (2.0, 3.0), (38.0, 3.0), robot, costs=coarse, drives=0)
