@@ -69,6 +69,7 @@ def _list_option_types() -> list[tuple[str, Any, None]]:
         types |= get_type_hints(format.options)
         docs |= read_field_docs(format.options)
     typed = []
+    annotate: Any = Annotated  # mypy rejects computed types in Annotated[...]
     for name, field in _collect_options().items():
         words = [
             word
@@ -83,10 +84,8 @@ def _list_option_types() -> list[tuple[str, Any, None]]:
             show_choices=False,
             show_default=format_default(field.default) or False,
         )
-        # mypy rejects computed types in Annotated[...].
         parameters = [parameter, INPUT] if Path in get_args(types[name]) else [parameter]
-        kind = Annotated.__class_getitem__((types[name] | None, *parameters))  # type: ignore[attr-defined]
-        typed.append((name, kind, None))
+        typed.append((name, annotate[types[name] | None, *parameters], None))
     return typed
 
 
