@@ -180,10 +180,11 @@ class PlannedPath:
         """The comparison in a few words."""
         if math.isnan(self.ratio):
             return "finds no path"
-        change = "more" if self.ratio >= 1 else "less"
+        side = "above" if self.ratio >= 1 else "below"
         return (
-            f"costs {100 * abs(self.ratio - 1):.0f} % {change} than the recommended path; distance"
-            f" from walls: median {self.clearance:.2f} m, minimum {self.least_clearance:.2f} m"
+            f"planning cost J {100 * abs(self.ratio - 1):.0f} % {side} the recommended path's,"
+            f" {self.clearance:.2f} m from walls in the median, {self.least_clearance:.2f} m at"
+            " the nearest"
         )
 
 
