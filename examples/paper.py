@@ -133,12 +133,11 @@ def figures(
         )
     for preset in presets:
         for name, grid in maps.items():
-            fields = {
-                f"{name}, preset {preset}, range {reach:g} m": locplan.load_or_compute(
-                    grid, PRESETS[preset](range=reach)
-                )
-                for reach in RANGES
-            }
+            fields = {}
+            for reach in RANGES:
+                field = locplan.load_or_compute(grid, PRESETS[preset](range=reach))
+                title = f"{name}, preset {preset}, range {reach:g} m"
+                fields[f"{title}\nposition known to {deviations_text(field, name)}"] = field
             yield (
                 f"figs_29_31_ellipses_{name}_{preset}.png",
                 f"Figs. 29 and 31: error ellipses in {name}, preset {preset}.",
@@ -154,6 +153,16 @@ def figures(
 def title_of(place: str) -> str:
     x, y = locplan.maps.environments.place_positions(PLACES[place])[place]
     return f"{place}, at {x:g}, {y:g} m of {PLACES[place]}, range 6 m"
+
+
+def deviations_text(field: CovarianceField, name: str) -> str:
+    """Return the standard deviation of the position at the paper's places on a map, as text."""
+    places = locplan.maps.environments.place_positions(name)
+    return ", ".join(
+        f"{100 * float(field.at([*places[place], 0.0], 'position_std')):.0f} cm at {place}"
+        for place, where in PLACES.items()
+        if where == name
+    )
 
 
 def labelled(figure: Figure, name: str) -> Figure:
@@ -457,7 +466,9 @@ Maps: “places” (A complex room, B corridor, C round room, D repeating corrid
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 3:
+    if {"-h", "--help"} & {*sys.argv}:
+        print(__doc__)
+    elif len(sys.argv) > 3:
         draw_place(*sys.argv[1:4])
     else:
         main(*sys.argv[1:2], *map(float, sys.argv[2:3]))
