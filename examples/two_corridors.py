@@ -21,8 +21,7 @@ def main(folder: str = "two_corridors") -> None:
     costs = locplan.Costmap.from_field(field, robot=robot)
     start, goal = (2.0, 3.0), (38.0, 3.0)
     plans = {"shortest": locplan.plan(costs.with_weight(0.0), start, goal).with_costs(costs)}
-    for weight in (0.2, 8.0):
-        plans[f"weight {weight:g}"] = locplan.plan(costs.with_weight(weight), start, goal)
+    plans["least cost"] = locplan.plan(costs, start, goal)
     for label, plan in plans.items():
         metrics = plan.metrics
         print(

@@ -71,8 +71,8 @@ PALE_MAP_COLOURS = ListedColormap(["0.72", "0.92", "white", "0.72"])
 """The colours of `MAP_COLOURS`, paler than thin lines on them."""
 FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
 """Colours of fields, never as dark as a wall; `theme.js` of the explorer's page has them, too."""
-ERROR_COLOURS = "viridis"
-"""Colours of errors, of e and of lengths."""
+ERROR_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.2, 0.85, 256)))
+"""Colours of lines by their error; dark is bad, as in fields, and none is pale on white."""
 MIN_ERROR = 0.02
 """Smallest error with a colour of its own; smaller ones are drawn in the same colour [m]."""
 PREVIEW_DPI = 110

@@ -23,6 +23,7 @@ from locplan._support.drawing import (
     draw_number,
     make_logarithmic,
 )
+from locplan._support.intervals import Interval
 from locplan._support.kernels.arrays import Floats
 from locplan.advice.landmark_objects import compute_outline_points
 from locplan.advice.landmarks import EXPECTED_DEVIATION, PAYING_SHARE, Landmarks, Verification
@@ -365,11 +366,11 @@ def landmarks_figure(landmarks: Landmarks, verification: Verification | None = N
         crop_map(grid, list(landmarks.setting.routes.values()))
         for grid in (landmarks.setting.grid, landmarks.grid)
     ]
-    title = (
-        f"{landmarks.setting.grid.name or 'map'}: {len(landmarks)} x {landmarks.setting.kind.title}"
-    )
-    title_lines = [title, verification.verdict if verification else "not verified by drives"]
-    title_lines.append(f"with {landmarks.setting.robot.title}")
+    name = landmarks.setting.grid.name or "map"
+    title_lines = [
+        f"{name}: {verification.verdict if verification else 'not verified by drives'}",
+        f"{len(landmarks)} x {landmarks.setting.kind.title}; {landmarks.setting.robot.title}",
+    ]
     figure, part, maps, plots = _make_panels(grids[0], title_lines, 2 if verification else 1)
     profiles = list(verification.profiles.values()) if verification else []
     _draw_maps(part, maps, grids, landmarks, profiles)
@@ -452,7 +453,7 @@ def _draw_route_errors(axes: Axes, verification: Verification) -> None:
     """Draw the error of drives along the first route, before and after."""
     routes = verification.profiles
     name, pair = next(iter(routes.items()))
-    styles = ("before", style.BLUE, "--"), ("after", style.VERMILION, "-")
+    styles = ("before", "black", "--"), ("after", style.VERMILION, "-")
     for drives, (label, colour, line) in zip(pair, styles, strict=True):
         profile = drives.profile()
         axes.fill_between(
@@ -474,7 +475,7 @@ def _draw_route_errors(axes: Axes, verification: Verification) -> None:
 
 
 def repair_figure(repaired_map: RepairedMap) -> Figure:
-    """Draw the map as it is and repaired, side by side.
+    """Draw the original and the repaired map, side by side, below the verdict.
 
     Parameters
     ----------
@@ -482,13 +483,24 @@ def repair_figure(repaired_map: RepairedMap) -> Figure:
         The result of `locplan.repair`.
     """
     width, height = compute_figure_size(repaired_map.grid)
-    figure = NotebookFigure(figsize=(2 * width, height), layout="constrained")
+    scale = min(1.0, MAX_WIDTH / (2 * width))
+    size = 2 * scale * width, scale * height + 0.6
+    figure = NotebookFigure(figsize=size, layout="constrained")
     pair = figure.subplots(1, 2, sharex=True, sharey=True)
-    titled_maps = {"as it is": repaired_map.grid, "for the filter": repaired_map.filter_map}
-    for axes, (title, grid) in zip(pair, titled_maps.items(), strict=True):
+    verdicts = repaired_map.verdicts
+    maps: list[tuple[str, OccupancyGrid, dict[str, Interval]]] = [
+        ("original", repaired_map.grid, {v.filter: v.lost_as_is for v in verdicts}),
+        ("repaired", repaired_map.filter_map, {v.filter: v.lost_repaired for v in verdicts}),
+    ]
+    for axes, (title, grid, lost) in zip(pair, maps, strict=True):
         draw_map(axes, grid)
         # Draw occupied cells in black; other figures draw only the rims of walls.
         levels = downsample(grid.cells) // 127
         draw_cells(axes, grid, levels, cmap=MAP_COLOURS, vmin=0, vmax=3)
-        axes.set_title(f"{grid.name or 'map'} {title}", fontsize="medium")
+        rates = [f"{share.value:.0%} of the drives lost, {name}" for name, share in lost.items()]
+        axes.set_title("\n".join([f"{title} map", *rates]), fontsize="medium")
+    outcome = ", ".join(f"{v.verdict} for {v.filter}" for v in verdicts)
+    nothing = f"{repaired_map.n_changed:,} cells differ, not simulated"
+    answer = outcome or (nothing if repaired_map.n_changed else "nothing to repair")
+    figure.title(f"{repaired_map.grid.name or 'map'}, repaired map: {answer}")
     return figure

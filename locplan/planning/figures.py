@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -256,7 +255,7 @@ def draw_coloured_line(
         The value of each piece.
     norm : matplotlib.colors.Normalize, optional
         The scale of the colours; by default it spans the values.
-    cmap : str or Colormap, default "viridis"
+    cmap : str or Colormap, default ERROR_COLOURS
         The colours.
     linewidths : float, default 4.0
         Width of the line [points].
@@ -454,9 +453,23 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     )
     weak = format_weak_share(field, image.get_array())
     field_text = f"{config.title}; u is about 0 on {field.saturated_share:.0%}; {weak}"
-    request_text = f"{costs.grid.name or 'map'}: {format_request(costs, plans)}"
-    upper.set_title(f"{request_text}\n{field_text}", fontsize="medium")
+    answer = f"{costs.grid.name or 'map'}: {_format_plans_answer(plans)}"
+    title_lines = answer, format_request(costs, plans), field_text
+    upper.set_title("\n".join(title_lines), fontsize="medium")
     return figure
+
+
+def _format_plans_answer(plans: Mapping[str, Plan]) -> str:
+    """Return the difference between the first and the least degenerate plan as text."""
+    metrics = {label: plan.metrics for label, plan in plans.items() if plan.metrics is not None}
+    if not metrics:
+        return "no path"
+    first, best = next(iter(metrics)), min(metrics, key=lambda label: metrics[label].integrated_u)
+    longer = metrics[best].length - metrics[first].length
+    avoided = metrics[first].integrated_u - metrics[best].integrated_u
+    if avoided < 0.05:
+        return f"'{first}' has {metrics[first].integrated_u:.1f} degenerate metres"
+    return f"'{best}' avoids {avoided:.1f} degenerate metres and is {longer:.1f} m longer"
 
 
 class StyledPath(NamedTuple):
@@ -688,6 +701,8 @@ def draw_degeneracy(figure: Figure, axes: Axes, costs: Costmap, part: OccupancyG
 def front_figure(front: ParetoFront) -> Figure:
     """Draw a Pareto front and, over the map, its paths in the same colours, the knee's bold.
 
+    Dark paths are degenerate.
+
     Parameters
     ----------
     front : ParetoFront
@@ -699,8 +714,8 @@ def front_figure(front: ParetoFront) -> Figure:
     figure, upper, lower, part = _make_map_and_plot(grid, paths, 3.0)
     draw_map(upper, part)
     draw_inset(upper, grid, part, paths)
+    norm = Normalize(float(front.integral.min()), float(front.integral.max()) or 1.0)
     low, high = front.length[[0, -1]]
-    norm, colours = Normalize(low, max(high, 1.01 * low)), colormaps[ERROR_COLOURS]
     targets = np.linspace(low, high, 12)  # more lines hide each other
     indices = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
     knee = front.knee
@@ -710,31 +725,39 @@ def front_figure(front: ParetoFront) -> Figure:
     ]:
         path = front.plan(index).path
         assert path is not None
-        color = colours(norm(front.length[index]))
+        color = ERROR_COLOURS(norm(front.integral[index]))
         draw_path(upper, path, color=color, linewidth=width, path_effects=effects)
     draw_start_and_goal(upper, front.start, front.goal)
     if handles := draw_zones(upper, front.costs.zones, part):
         figure.key(handles, ncols=3)
     epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
-    name = grid.name or "map"
-    title = f"{name}: {len(indices)} of {len(front)} paths, front {epsilon}"
-    if len(front) == 1:
-        title = f"{name}: one path, no other is less degenerate; front {epsilon}"
-    upper.set_title(f"{title}{format_costs_caption(front.costs)}", fontsize="medium")
     unit = "m" if front.objective == "u" else f"{front.costs.e_unit} m"
+    label = "degenerate metres (∫u ds)" if front.objective == "u" else "∫e ds"
+    answer = f"{grid.name or 'map'}: {_format_front_answer(front)}"
+    drawn = f"{len(indices)} of {len(front)} paths, front {epsilon}"
+    upper.set_title(f"{answer}\n{drawn}{format_costs_caption(front.costs)}", fontsize="medium")
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
     image = lower.scatter(
-        front.length, front.integral, s=14, c=front.length, cmap=ERROR_COLOURS, norm=norm
+        front.length, front.integral, s=14, c=front.integral, cmap=ERROR_COLOURS, norm=norm
     )
     length, integral = front.length[knee], front.integral[knee]
     name = "knee" if knee or len(front) == 1 else "no knee: shortest path"
-    label = f"{name}, bold above: {length:.1f} m long, {integral:.3g} {unit}"
-    _draw_marker(lower, (length, integral), "D", size=9, zorder=2, label=label)
-    label = "degenerate metres (∫u ds)" if front.objective == "u" else "∫e ds"
+    knee_text = f"{name}, bold above: {length:.1f} m long, {integral:.3g} {unit}"
+    _draw_marker(lower, (length, integral), "D", size=9, zorder=2, label=knee_text)
     lower.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")
     lower.legend(loc="upper right", frameon=False)
-    figure.colorbar(image, ax=[upper, lower], label="length [m]", shrink=0.6)
+    figure.colorbar(image, ax=[upper, lower], label=f"{label} [{unit}]", shrink=0.6)
     return figure
+
+
+def _format_front_answer(front: ParetoFront) -> str:
+    """Return the gain of the knee, or else of the longest path, over the shortest one as text."""
+    if len(front) == 1:
+        return "no path is less degenerate than the shortest one"
+    name, index = ("the knee", front.knee) if front.knee else ("no knee, the longest path", -1)
+    longer = front.length[index] - front.length[0]
+    avoided = 1.0 - front.integral[index] / front.integral[0]
+    return f"{name} is {longer:.1f} m longer and {avoided:.0%} less degenerate"
 
 
 def history_figure(plans: Mapping[str, Plan]) -> Figure:

@@ -11,7 +11,13 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from locplan import Sad, covariance_field
-from locplan._support.drawing import FIELD_COLOURS, CellImage, NotebookFigure, draw_field_bar
+from locplan._support.drawing import (
+    ERROR_COLOURS,
+    FIELD_COLOURS,
+    CellImage,
+    NotebookFigure,
+    draw_field_bar,
+)
 from locplan.field import FieldConfig
 from locplan.field.figures import field_figure
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, figures as _cells
@@ -152,3 +158,9 @@ def test_cells_that_are_drawn_large_have_sharp_edges():
     axes.set(xlim=(0, 1), ylim=(0, 1))
     axes.set_axis_off()
     assert set(rendered(figure)[100, :, 0].tolist()) == {0, 255}
+
+
+@pytest.mark.parametrize("colours", [FIELD_COLOURS, ERROR_COLOURS])
+def test_dark_means_bad(colours):
+    shades = colours(np.linspace(0.0, 1.0, 20))[:, :3].sum(axis=1)
+    assert (np.diff(shades) < 0).all()

@@ -686,6 +686,9 @@ def test_the_figure_is_drawn(placed, verification, tmp_path):
         figure = landmarks_figure(placed, given)
         locplan._support.drawing.save_figure(figure, file)
         assert file.stat().st_size > 10_000
+        answer = given.verdict if given else "not verified by drives"
+        title = figure.get_suptitle().replace("\n", " ")
+        assert title.startswith(f"{placed.setting.grid.name or 'map'}: {answer}")
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(30, 200), (90, 100), (100, 100), (300, 30)])

@@ -9,6 +9,7 @@ from support.maps import ascii_map, blocks
 
 import locplan
 from locplan import load_map, repair, save_map
+from locplan.advice.figures import repair_figure
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, faults, hollow_walls
 from locplan.maps.files import format_corrected_yaml, read_map, with_corrected_thresholds
 
@@ -30,6 +31,16 @@ def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
     assert verdict.rmse_ratio.value < 1
     assert verdict.verdict == mended.summary()["verdicts"][0]["verdict"] == "better"
     assert "better" in mended.report()
+
+
+def test_repair_figure_names_lost_drives(mended):
+    (verdict,) = mended.verdicts
+    figure = repair_figure(mended)
+    assert figure.get_suptitle().endswith(f"repaired map: {verdict.verdict} for {verdict.filter}")
+    titles = [axes.get_title() for axes in figure.axes]
+    shares = verdict.lost_as_is.value, verdict.lost_repaired.value
+    for title, share in zip(titles, shares, strict=True):
+        assert f"\n{share:.0%} of the drives lost, {verdict.filter}" in title
 
 
 def test_the_verdict_is_that_of_drives_with_each_map(mended):

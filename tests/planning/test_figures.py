@@ -89,6 +89,20 @@ def test_front_figure_shows_paths_the_front_and_its_knee():
     assert lower.get_xlabel() == "length [m]"
     assert lower.get_ylabel() == "degenerate metres (∫u ds) [m]"
     assert "knee" in lower.get_legend().get_texts()[0].get_text()
+    longer = front.length[front.knee] - front.length[0]
+    assert upper.get_title().startswith(f"room: the knee is {longer:.1f} m longer and ")
+
+
+def test_plan_figure_title_has_gain(field):
+    costs = Costmap.from_field(field, robot=0.0)
+    free = np.argwhere(np.isfinite(costs.density))
+    found = plan(costs, *(field.grid.position(*map(int, free[n])) for n in (0, -1)))
+    better = dataclasses.replace(found.metrics, length=9.0, integrated_u=1.0)
+    worse = dataclasses.replace(found.metrics, length=7.0, integrated_u=4.0)
+    plans = {"short": dataclasses.replace(found, metrics=worse)}
+    plans["aware"] = dataclasses.replace(found, metrics=better)
+    title = plan_figure(costs, field, plans).axes[0].get_title()
+    assert ": 'aware' avoids 3.0 degenerate metres and is 2.0 m longer\n" in title
 
 
 def test_plan_figure_says_what_was_asked(field):
