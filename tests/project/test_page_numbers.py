@@ -1,4 +1,4 @@
-"""Measured numbers on README.md and the guides equal those of the evidence.
+"""Measured numbers on README.md, the guides and the JOSS paper equal those of the evidence.
 
 A number on a page is followed by a comment with the key of its row in the table of claims, such as
 `0.90<!-- evidence: lasers.fused.pooled -->`. It may be a value with or without its interval, a
@@ -17,7 +17,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 CLAIMS = ROOT / "examples" / "evidence" / "claims.csv"
 GUIDES = ROOT / "examples" / "guides"
-PAGES = [ROOT / "README.md", *sorted(set(GUIDES.glob("*.md")) - {GUIDES / "evidence.md"})]
+PAPER = ROOT / "examples" / "joss" / "paper.md"
+PAGES = [ROOT / "README.md", PAPER, *sorted(set(GUIDES.glob("*.md")) - {GUIDES / "evidence.md"})]
 NUMBER = r"-?\d[\d,]*(?:\.\d+)?"
 INTERVAL = rf"\[{NUMBER}(?: ?%)?, {NUMBER}(?: ?%)?\]"
 CLAIM = re.compile(
@@ -78,7 +79,7 @@ def find_untagged_results(text: str) -> list[str]:
     """Return the shares and intervals in a page's prose that neither claim nor output shows."""
     output = " ".join(" ".join(re.findall(r"^```text$(.*?)^```$", text, re.M | re.S)).split())
     prose = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.M | re.S)
-    prose = " ".join(CLAIM.sub("", re.sub(r"`[^`\n]*`|\]\([^)]*\)", "", prose)).split())
+    prose = " ".join(CLAIM.sub("", re.sub(r"`[^`\n]*`|\]\([^)]*\)(\{[^}]*\})?", "", prose)).split())
     prose = re.sub(r"\b95 %( confidence)? intervals?\b", "", prose)
     return [m[0] for m in RESULT.finditer(prose) if m[0] not in output]
 
@@ -88,6 +89,13 @@ def test_page_shows_numbers_of_evidence(page):
     text = page.read_text("utf-8")
     assert find_wrong_claims(text, read_claims()) == []
     assert find_untagged_results(text) == []
+
+
+def test_paper_tags_every_number():
+    text = PAPER.read_text("utf-8").split("---\n", 2)[2]
+    rest = re.sub(r"\[@\w+\]|\(\w+\.png\)\{.*?\}|95 %\s+intervals", "", CLAIM.sub("", text))
+    rest = re.sub(r"\b2D|\bNav2|\bROS 1|\bLF-3PM|\bFigure \d", "", rest)
+    assert re.findall(r"\S*\d\S*", rest) == []
 
 
 def test_readme_tags_every_number_of_its_evidence():

@@ -160,7 +160,7 @@ def strip_markdown(text: str) -> str:
 
 
 def read_pages() -> list[tuple[str, str]]:
-    """Return place and prose of every page."""
+    """Return place and prose of every page, except the JOSS paper, which has its limit."""
     pages = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
     pages += sorted(page for page in (ROOT / "examples").rglob("*.md") if "joss" not in page.parts)
     return [(str(p.relative_to(ROOT)), strip_markdown(p.read_text("utf-8"))) for p in pages]
@@ -228,7 +228,8 @@ def test_pages_are_short():
 
 
 def test_pages_are_plain():
-    check_markers(read_pages(), 8)
+    paper = strip_markdown((ROOT / "examples" / "joss" / "paper.md").read_text("utf-8"))
+    check_markers([*read_pages(), ("examples/joss/paper.md", paper)], 8)
 
 
 @pytest.mark.parametrize(
