@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._support.checks import check_number
 from locplan.errors import LocplanError
 from locplan.export.behavior_trees import add_behavior_tree
 from locplan.export.masks import (
@@ -32,6 +33,8 @@ from locplan.export.parameters import (
     add_planner,
     describe_differences,
     dump_parameters,
+    list_filter_topics,
+    make_filter_law,
     make_parameter_files,
 )
 from locplan.export.planned_paths import (
@@ -53,7 +56,7 @@ from locplan.maps.zones import FILE as ZONES, Zones
 from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.metrics import format_costs_caption
 from locplan.planning.path import Path as Route
-from locplan.robots.parameters import Nav2Parameters
+from locplan.robots.parameters import GLOBAL_COSTMAP, Nav2Parameters
 
 if TYPE_CHECKING:
     from locplan.simulation.recommendation import Recommendation
@@ -148,9 +151,9 @@ def nav2_keepout(
         conversion = dataclasses.replace(conversion, closed_gaps=tuple(gaps))
     masks, lead = {"keepout": values}, costs.robot.kinematics.speed if costs.robot else DEFAULT_LEAD
     if costs.zones.has_kind("slow"):
-        masks["speed"] = compute_speed_mask(costs, 1.0, lead)
+        masks["speed"] = _compute_speed_values(costs, 1.0, lead, robot)
         robot.warn(robot.note_speed_filters("localizability_speed_filter"))
-    merged, planner_name = add_planner(robot, add_filters(robot, *masks), conversion)
+    merged, planner_name = add_planner(robot, add_filters(robot, *masks, lead=lead), conversion)
     merged, edited = add_behavior_tree(
         robot, merged, planner_name, conversion.planner, Path(folder)
     )
@@ -206,7 +209,8 @@ def nav2_speed(
         gives the filter more scans per metre in degenerate places.
     lead : float, default 0.5
         Distance before a place at which its limit begins [m]. Nav2 applies limits up to a second
-        late, at the rate of the global costmap.
+        late, at the rate of the global costmap. From lyrical on, Nav2's filter looks ahead along
+        the plan, by this distance or by its braking distance. Otherwise, the mask is widened.
     distro : str, default "jazzy"
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path or sequence of path, optional
@@ -224,16 +228,25 @@ def nav2_speed(
     LocplanError
         If the folder cannot be written, a setting is out of range, or there is no field.
     """
-    values = compute_speed_mask(costs, slowest, lead)
     robot = Nav2Robot.from_files(params, distro)
+    values = _compute_speed_values(costs, slowest, lead, robot)
     min_percent = 100 - int(values.max())
     title = f"Speed mask: the robot keeps {min_percent} % of its speed or more"
     metadata = {"slowest": slowest, "lead": lead, "min_percent": min_percent}
     robot.warn(robot.note_speed_filters("localizability_speed_filter"))
-    merged = add_filters(robot, "speed")
+    merged = add_filters(robot, "speed", lead=lead)
     masks = {"speed": values}
     _write_mask(folder, title, costs, masks, robot, merged, metadata, force=force)
     return min_percent
+
+
+def _compute_speed_values(
+    costs: Costmap, slowest: float, lead: float, robot: Nav2Robot
+) -> NDArray[np.int8]:
+    """Return a speed mask whose limits begin at their places if the filter looks ahead."""
+    check_number("lead", lead, 0)
+    mask_lead = 0.0 if robot.distribution.has_speed_lookahead else lead
+    return compute_speed_mask(costs, slowest, mask_lead)
 
 
 def _write_untaken_paths(
@@ -340,13 +353,23 @@ def _write_mask(
         "changed": changed,
         "added": added,
         "others": robot.other_files,
-        "distro": robot.distribution.name,
         "before": next(iter(robot.planners), ""),
         "namespace": robot.parameters.namespace,
         "lead": metadata.get("lead"),
         "base": base,
         "room": compute_follower_room(costs.robot_radius),
-        "masks": list(masks),
+        "stems": stems,
+        "runs": robot.distribution,
+        "has_other_filter": any(
+            f"localizability_{other_kind}_filter"
+            in robot.parameters.read_names(GLOBAL_COSTMAP, "filters")
+            for other_kind in {"keepout", "speed"} - set(masks)
+        ),
+        "replaced": [
+            f"{name} ({costmap.partition('/')[0]})"
+            for mask_kind in masks
+            for costmap, name in robot.list_replaced_filters(mask_kind)
+        ],
     }
     has_objects = robot.distribution.has_vector_objects and kind == "keepout"
     shapes = _make_no_go_shapes(unturned.zones) if has_objects else {}
@@ -383,12 +406,9 @@ def _write_mask(
 def _make_mask_servers(kind: str, stem: str) -> list[LifecycleNode]:
     """Return the nodes that publish a mask and the meaning of its values."""
     base = f"localizability_{kind}"
-    topic = {"topic_name": f"/{base}_mask", "frame_id": "map"}
+    topic = {"topic_name": list_filter_topics(kind)["mask_topic"], "frame_id": "map"}
     files = {"yaml_filename": f"{stem}.yaml"}
-    # The linear map from the mask's values to costs, or to speeds in per cent.
-    laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
-    topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
-    law = topics | dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
+    law = list_filter_topics(kind) | make_filter_law(kind)
     return [
         LifecycleNode("nav2_map_server", "map_server", f"{base}_mask_server", topic, files),
         LifecycleNode("nav2_map_server", "costmap_filter_info_server", f"{base}_info_server", law),

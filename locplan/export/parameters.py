@@ -134,26 +134,77 @@ class DistroWarning(UserWarning):
     """A warning that a distribution of ROS 2 has a fault that affects localization."""
 
 
+ROS_DISTRIBUTION_NAMES = "humble", "jazzy", "kilted", "lyrical", "rolling"
+"""The supported distributions of ROS 2, the oldest first."""
+
+
 @dataclass(frozen=True)
 class RosDistribution:
-    """A distribution of ROS 2 with the properties that exports depend on."""
+    """A distribution of ROS 2 with the properties that exports depend on.
+
+    The properties follow the branches of ros-navigation/navigation2 (2026-08): humble 1.1.20,
+    jazzy 1.3.13, kilted 1.4.2, lyrical 1.5.1 and main.
+    """
 
     name: str
     """The name, such as jazzy."""
-    has_slashed_plugins: bool = False
-    """Whether names of planner plugins have / instead of ::, up to iron (such as in
-    nav2_smac_planner/smac_plugin_2d.xml)."""
-    has_quadratic_penalty: bool = True
-    """Whether SmacPlannerHybrid has `use_quadratic_cost_penalty`, from jazzy on."""
-    graph_source: Literal["launch", "parameters", "argument"] = "argument"
-    """How the route server gets its graph (nav2_bringup/launch). In humble, bringup starts no route
-    server, so the exported launch file does. In jazzy, the parameter graph_filepath names the
-    graph. From kilted on, the argument ``graph:=`` replaces it."""
-    has_faulty_likelihood_field: bool = True
-    """Whether AMCL's likelihood field starts from an uninitialised variable (`CellData cell` in
-    nav2_amcl/src/map/map_cspace.cpp), from kilted on."""
-    has_vector_objects: bool = False
-    """Whether nav2_map_server has a vector_object_server, from lyrical on."""
+
+    def _is_from(self, first: str) -> bool:
+        """Return True if this is the distribution of a name or a later one."""
+        names = ROS_DISTRIBUTION_NAMES
+        return names.index(self.name) >= names.index(first)
+
+    @property
+    def has_slashed_plugins(self) -> bool:
+        """True if names of planner plugins have / instead of ::, up to iron (such as in
+        nav2_smac_planner/smac_plugin_2d.xml)."""
+        return not self._is_from("jazzy")
+
+    @property
+    def has_quadratic_penalty(self) -> bool:
+        """True if SmacPlannerHybrid has `use_quadratic_cost_penalty`."""
+        return self._is_from("jazzy")
+
+    @property
+    def graph_source(self) -> Literal["launch", "parameters", "argument"]:
+        """The way in which the route server gets its graph (nav2_bringup/launch).
+
+        In humble, bringup starts no route server, so the exported launch file does. In jazzy, the
+        parameter graph_filepath names the graph. From kilted on, the argument ``graph:=`` replaces
+        it.
+        """
+        if self._is_from("kilted"):
+            return "argument"
+        return "parameters" if self._is_from("jazzy") else "launch"
+
+    @property
+    def has_faulty_likelihood_field(self) -> bool:
+        """True if AMCL's likelihood field starts from an uninitialised variable (`CellData cell` in
+        nav2_amcl/src/map/map_cspace.cpp)."""
+        return self._is_from("kilted")
+
+    @property
+    def has_mask_arguments(self) -> bool:
+        """True if bringup_launch.py publishes masks (``keepout_mask:=`` and ``speed_mask:=``), from
+        1.4.0 on."""
+        return self._is_from("kilted")
+
+    @property
+    def has_vector_objects(self) -> bool:
+        """True if nav2_map_server has a vector_object_server."""
+        return self._is_from("lyrical")
+
+    @property
+    def has_speed_lookahead(self) -> bool:
+        """True if the speed filter looks ahead along the plan (`enable_path_lookahead` in
+        speed_filter.cpp), from 1.5.0 on."""
+        return self._is_from("lyrical")
+
+    @property
+    def has_cycles_factor(self) -> bool:
+        """True if NavFn has `max_cycles_factor` (nav2_navfn_planner/src/parameter_handler.cpp),
+        from 1.5.1 on."""
+        return self._is_from("lyrical")
 
     def warn(self) -> None:
         """Warn of the distribution's faults."""
@@ -168,16 +219,7 @@ class RosDistribution:
             )
 
 
-ROS_DISTRIBUTIONS = {
-    distro.name: distro
-    for distro in (
-        RosDistribution("humble", True, False, "launch", has_faulty_likelihood_field=False),
-        RosDistribution("jazzy", graph_source="parameters", has_faulty_likelihood_field=False),
-        RosDistribution("kilted"),
-        RosDistribution("lyrical", has_vector_objects=True),
-        RosDistribution("rolling", has_vector_objects=True),
-    )
-}
+ROS_DISTRIBUTIONS = {name: RosDistribution(name) for name in ROS_DISTRIBUTION_NAMES}
 """The supported distributions by name."""
 
 
@@ -196,6 +238,11 @@ def find_ros_distribution(name: str) -> RosDistribution:
     """
     check_choice("distro", name, ROS_DISTRIBUTIONS)
     return ROS_DISTRIBUTIONS[name]
+
+
+MIN_CYCLES_FACTOR = 16
+"""Minimum `max_cycles_factor` of NavFn. Its paths then have up to 8 times the map's longer side, 2
+times with Nav2's default of 4. A mask makes paths longer."""
 
 
 class ParametersChanged(UserWarning):
@@ -299,12 +346,37 @@ class Nav2Robot:
                 f" {planner_name} for the mask. Select it as described in the folder's README.md"
             )
 
+    def resolve_topic(self, topic: str) -> str:
+        """Return the absolute name of a topic in the robot's namespace."""
+        return topic if topic.startswith("/") else f"{self.parameters.namespace}/{topic}"
+
+    def list_replaced_filters(self, kind: str) -> Iterator[tuple[str, str]]:
+        """Yield costmap and name of each filter whose mask an export's mask replaces.
+
+        From kilted on, bringup_launch.py publishes one mask of each kind, to the filters that
+        listen to its server.
+        """
+        _, server = make_bringup_servers(kind)
+        topic = self.parameters.read_node_parameters(server).get("filter_info_topic")
+        if not self.distribution.has_mask_arguments or not isinstance(topic, str):
+            return
+        for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
+            costmap_parameters = self.parameters.read_node_parameters(costmap)
+            for name in self.parameters.read_names(costmap, "filters"):
+                filter_topic = costmap_parameters.get(f"{name}.filter_info_topic")
+                is_fed = self.resolve_topic(str(filter_topic)) == self.resolve_topic(topic)
+                if is_fed and not name.startswith("localizability_"):
+                    yield costmap, name
+
     def note_speed_filters(self, filter_name: str) -> Iterator[str]:
-        """Yield a note for each speed filter that the robot already has."""
+        """Yield a note for each speed filter that stays active next to the export's filter."""
         advice = "both publish limits, and the last one applies; merge the masks, or remove one"
+        replaced = set(self.list_replaced_filters("speed"))
         for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
             for name, value in self.parameters.read_node_parameters(costmap).items():
                 layer, _, last = name.rpartition(".")
+                if (costmap, layer) in replaced:
+                    continue
                 if last == "plugin" and layer != filter_name and str(value).endswith("SpeedFilter"):
                     costmap_name = costmap.partition("/")[0]
                     yield f"{costmap_name} has a speed filter, {layer}; {advice}"
@@ -333,23 +405,80 @@ class Nav2Robot:
                 yield f"{name} is {plugin}, as from jazzy on, but humble needs / instead of ::"
 
 
-def add_filters(robot: Nav2Robot, *kinds: str) -> Nav2Parameters:
-    """Return the robot's parameters with the export's filters in the global costmap."""
-    names = robot.parameters.read_names(GLOBAL_COSTMAP, "filters")
+def list_filter_topics(kind: str) -> dict[str, str]:
+    """Return the topics of an export's mask: of the filter's information, and of the values.
+
+    They are absolute, because only from Kilted on do filters resolve others against the robot's
+    namespace.
+
+    Parameters
+    ----------
+    kind : str
+        "keepout" or "speed".
+    """
+    base = f"/localizability_{kind}"
+    return {"filter_info_topic": f"{base}_info", "mask_topic": f"{base}_mask"}
+
+
+def make_filter_law(kind: str) -> dict[str, Any]:
+    """Return the linear map from a mask's values to costs, or to speeds in per cent."""
+    laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
+    return dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
+
+
+def add_filters(robot: Nav2Robot, *kinds: str, lead: float = 0.0) -> Nav2Parameters:
+    """Return the robot's parameters with the export's filters in the global costmap.
+
+    Parameters
+    ----------
+    robot : Nav2Robot
+        The robot.
+    *kinds : str
+        "keepout", "speed", or both.
+    lead : float, default 0
+        Distance that the speed filter looks ahead along the plan [m]; 0 if the mask has the lead.
+    """
+    merged = robot.parameters
+    names = merged.read_names(GLOBAL_COSTMAP, "filters")
     changes: dict[str, Any] = {}
     for kind in kinds:
-        base = (
-            f"localizability_{kind}"  # topics are absolute: only from Kilted on are others resolved
-        )
-        plugin = f"{base}_filter"
+        plugin, topics = f"localizability_{kind}_filter", list_filter_topics(kind)
         filter_settings = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
-        filter_settings |= {"filter_info_topic": f"/{base}_info"}
+        filter_settings |= {"filter_info_topic": topics["filter_info_topic"]}
         if kind == "speed":
             # The controller server listens to this topic.
             filter_settings |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
+            filter_settings |= _make_lookahead(robot, lead)
         names = names if plugin in names else [*names, plugin]
         changes |= _prefix_settings(plugin, filter_settings)
-    return robot.parameters.with_values(GLOBAL_COSTMAP, {"filters": names, **changes})
+        if robot.distribution.has_mask_arguments:
+            for costmap, name in robot.list_replaced_filters(kind):
+                merged = merged.with_values(costmap, {f"{name}.enabled": False})
+            mask, info = make_bringup_servers(kind)
+            merged = merged.with_values(mask, {"topic_name": topics["mask_topic"]})
+            merged = merged.with_values(info, topics | make_filter_law(kind))
+    return merged.with_values(GLOBAL_COSTMAP, {"filters": names, **changes})
+
+
+def make_bringup_servers(kind: str) -> tuple[str, str]:
+    """Return the names of the nodes by which bringup_launch.py publishes a mask of a kind."""
+    return f"{kind}_filter_mask_server", f"{kind}_costmap_filter_info_server"
+
+
+def _make_lookahead(robot: Nav2Robot, lead: float) -> dict[str, Any]:
+    """Return settings with which a speed filter looks ahead along the plan.
+
+    It looks ahead by `lead`, or by its braking distance if that is longer. The odometry's topic is
+    absolute, because the filter resolves others against the costmap's namespace.
+    """
+    if not robot.distribution.has_speed_lookahead:
+        return {}
+    topic = str(robot.parameters.read_node_parameters("bt_navigator").get("odom_topic", "odom"))
+    return {
+        "enable_path_lookahead": lead > 0,
+        "min_lookahead": float(lead),
+        "odom_topic": robot.resolve_topic(topic),
+    }
 
 
 def add_planner(
@@ -382,6 +511,12 @@ def add_planner(
         del planner_settings["plugin"]
     planner_list = names if name in names else [*names, name]
     changes = {"planner_plugins": planner_list, **_prefix_settings(name, planner_settings)}
+    navfn = PLANNERS["navfn"].plugin
+    for other, other_type in (robot.planners | {name: planner.plugin}).items():
+        if runs.has_cycles_factor and other_type == navfn:
+            factor = server.get(f"{other}.max_cycles_factor")
+            is_enough = isinstance(factor, int) and factor >= MIN_CYCLES_FACTOR
+            changes[f"{other}.max_cycles_factor"] = factor if is_enough else MIN_CYCLES_FACTOR
     for (
         other,
         other_type,

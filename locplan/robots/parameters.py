@@ -313,7 +313,7 @@ class Nav2Parameters:
         """
         if value := self.find_values(node).get(name):
             return value.file, value.keys
-        at = self.find_file_index(node) or 0
+        at = self.find_file_index(node) or self.find_file_index(GLOBAL_COSTMAP) or 0
         sections = [section for index, section in self.find_sections(node) if index == at]
         unshared_keys = [section.keys for section in sections if not section.is_shared]
         exact_keys = [section.keys for section in sections if "*" not in section.name]

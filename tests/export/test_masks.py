@@ -869,6 +869,172 @@ def test_each_distribution_has_what_its_nav2_reads(tmp_path, costs, distro):
     assert json.loads((tmp_path / "s" / "export.json").read_text())["distro"] == distro
 
 
+ZONES_FILE = """
+local_costmap:
+  local_costmap:
+    ros__parameters:
+      filters: [zones]
+      zones: {plugin: "nav2_costmap_2d::KeepoutFilter", enabled: KEEPOUT_ZONE_ENABLED,
+              filter_info_topic: keep_out}
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      filters: [zones, slow_zones, other]
+      zones: {plugin: "nav2_costmap_2d::KeepoutFilter", enabled: KEEPOUT_ZONE_ENABLED,
+              filter_info_topic: /keep_out}
+      slow_zones: {plugin: "nav2_costmap_2d::SpeedFilter", enabled: SPEED_ZONE_ENABLED,
+                   filter_info_topic: slow_down}
+      other: {plugin: "nav2_costmap_2d::KeepoutFilter", filter_info_topic: elsewhere}
+keepout_filter_mask_server:
+  ros__parameters: {topic_name: mask}
+keepout_costmap_filter_info_server:
+  ros__parameters: {type: 0, filter_info_topic: keep_out, mask_topic: mask}
+speed_costmap_filter_info_server:
+  ros__parameters: {type: 1, filter_info_topic: slow_down, mask_topic: speeds}
+bt_navigator:
+  ros__parameters: {odom_topic: wheels}
+"""
+BRINGUP = "ros2 launch nav2_bringup bringup_launch.py map:=MAP.yaml params_file:=$PWD/nav2.yaml"
+
+
+def is_enabled(nav2, name, costmap="global_costmap"):
+    filters = nav2[costmap][costmap]["ros__parameters"]
+    return filters[name].get("enabled", True)
+
+
+@pytest.fixture
+def export_mask(tmp_path, costs):
+    """A function that exports a mask for a distribution and returns its folder and nav2.yaml."""
+
+    def export(write, distro, text=ZONES_FILE, **settings):
+        (tmp_path / "own.yaml").write_text(text)
+        folder = tmp_path / f"{write.__name__}-{distro}"
+        with warnings.catch_warnings(record=True, action="always"):
+            write(folder, costs, params=tmp_path / "own.yaml", distro=distro, **settings)
+        return folder, yaml.safe_load((folder / "nav2.yaml").read_text())
+
+    return export
+
+
+@pytest.mark.parametrize(
+    ("write", "kind", "arguments"),
+    [
+        (nav2_keepout, "keepout", "keepout_mask:=$PWD/mask.yaml use_speed_zones:=False"),
+        (nav2_speed, "speed", "speed_mask:=$PWD/mask.yaml use_keepout_zones:=False"),
+    ],
+)
+def test_bringup_publishes_masks_from_kilted_on(export_mask, write, kind, arguments):
+    """bringup_launch.py starts both servers and gives the mask's file to the first one."""
+    folder, nav2 = export_mask(write, "kilted")
+    steps = [line for line in readme_of(folder).splitlines() if re.match(r"\d\. ", line)]
+    assert steps == [f"1. `{BRINGUP} {arguments}` (in this folder), with your usual arguments"]
+    mask = nav2[f"{kind}_filter_mask_server"]["ros__parameters"]
+    info = nav2[f"{kind}_costmap_filter_info_server"]["ros__parameters"]
+    costmap = nav2["global_costmap"]["global_costmap"]["ros__parameters"]
+    name = f"localizability_{kind}_filter"
+    assert name in costmap["filters"]
+    assert costmap[name]["filter_info_topic"] == info["filter_info_topic"]
+    assert info["mask_topic"] == mask["topic_name"] == f"/localizability_{kind}_mask"
+    servers = yaml.safe_load((folder / "servers.yaml").read_text())
+    # The launch file, for robots without bringup_launch.py, publishes the same.
+    assert info == servers[f"localizability_{kind}_info_server"]["ros__parameters"]
+
+
+def test_mask_replaces_filters_of_bringup(export_mask, tmp_path):
+    _, nav2 = export_mask(nav2_keepout, "kilted")
+    assert is_enabled(nav2, "zones") is is_enabled(nav2, "zones", "local_costmap") is False
+    assert is_enabled(nav2, "other") is True  # another server feeds it
+    assert is_enabled(nav2, "slow_zones") == "SPEED_ZONE_ENABLED"
+    folder, nav2 = export_mask(nav2_speed, "kilted")
+    assert is_enabled(nav2, "slow_zones") is False
+    assert is_enabled(nav2, "zones") == "KEEPOUT_ZONE_ENABLED"
+    assert "switches off slow_zones (global_costmap)." in readme_of(folder)
+
+
+def test_masks_stay_separate_before_kilted(export_mask):
+    folder, nav2 = export_mask(nav2_keepout, "jazzy")
+    assert "1. `ros2 launch ./localizability.launch.xml`" in readme_of(folder)
+    assert f"2. `{BRINGUP}`, with your usual arguments" in readme_of(folder)
+    added = nav2.pop("planner_server"), nav2.pop("global_costmap")
+    before = yaml.safe_load(ZONES_FILE)
+    assert is_enabled({"global_costmap": added[1]}, "zones") == "KEEPOUT_ZONE_ENABLED"
+    del before["global_costmap"]
+    assert nav2 == before
+
+
+def test_second_mask_keeps_first_in_bringup(export_mask, tmp_path, costs):
+    first, _ = export_mask(nav2_keepout, "kilted")
+    folder, nav2 = export_mask(nav2_speed, "kilted", (first / "nav2.yaml").read_text())
+    assert "speed_mask:=$PWD/mask.yaml keepout_mask:=FILE.yaml`" in readme_of(folder)
+    info = nav2["keepout_costmap_filter_info_server"]["ros__parameters"]
+    assert info["filter_info_topic"] == "/localizability_keepout_info"
+    assert is_enabled(nav2, "localizability_keepout_filter") is True
+
+
+def test_servers_are_added_to_file_of_costmap(tmp_path, costs):
+    (tmp_path / "amcl.yaml").write_text("amcl: {ros__parameters: {alpha1: 0.1}} # mine\n")
+    (tmp_path / "own.yaml").write_text("# mine\n" + PARAMS)
+    files = [tmp_path / "amcl.yaml", tmp_path / "own.yaml"]
+    with pytest.warns((DistroWarning, ParametersChanged)):
+        nav2_keepout(tmp_path / "mask", costs, planner="smac2d", params=files, distro="kilted")
+    text = (tmp_path / "mask" / "nav2.yaml").read_text()
+    assert text.startswith("# mine\n")
+    assert "amcl" not in text
+    assert "keepout_filter_mask_server" in text
+
+
+@pytest.mark.parametrize("lead", [0.0, 0.8])
+def test_speed_filter_looks_ahead_from_lyrical_on(export_mask, costs, lead):
+    """speed_filter.cpp looks ahead by at least `min_lookahead`; its odometry needs "/"."""
+    folders = {}
+    for distro in ("kilted", "lyrical"):
+        folders[distro], nav2 = export_mask(nav2_speed, distro, lead=lead)
+        own = nav2["global_costmap"]["global_costmap"]["ros__parameters"]
+        own = own["localizability_speed_filter"]
+        ahead = ("enable_path_lookahead", "min_lookahead", "odom_topic")
+        expected = (lead > 0, lead, "/wheels") if distro == "lyrical" else (None, None, None)
+        assert tuple(map(own.get, ahead)) == expected
+    text = f"looks {lead:g} m ahead along the plan"
+    assert {distro: text in readme_of(folder) for distro, folder in folders.items()} == {
+        "kilted": False,
+        "lyrical": lead > 0,
+    }
+    masks = {
+        name: ros_readers.load(folder / "mask.yaml", "main") for name, folder in folders.items()
+    }
+    widened = masks["kilted"].data > masks["lyrical"].data
+    assert widened.any() == (lead > 0)
+    known = ~np.isnan(costs.u)
+    np.testing.assert_array_equal(masks["lyrical"].data[known], np.floor(70 * costs.u[known] + 0.5))
+
+
+def test_slow_zones_use_lookahead_of_nav2(tmp_path, costs, zones):
+    with pytest.warns(DistroWarning):
+        nav2_keepout(tmp_path / "out", in_zones(costs, zones), distro="lyrical")
+    mask = ros_readers.load(tmp_path / "out" / "speed_mask.yaml", "main").data
+    np.testing.assert_array_equal(mask == 70, zones.cells(costs.grid, "slow") & costs.grid.free)
+    nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
+    own = nav2["global_costmap"]["global_costmap"]["ros__parameters"]["localizability_speed_filter"]
+    assert (own["enable_path_lookahead"], own["min_lookahead"]) == (True, 0.5)
+    assert own["odom_topic"] == "/odom"
+    assert "(`min_lookahead`)" in readme_of(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("distro", "factor", "expected"),
+    [("kilted", None, None), ("lyrical", None, 16), ("lyrical", 4, 16), ("lyrical", 40, 40)],
+)
+def test_navfn_gets_cycles_for_longer_paths(export_mask, distro, factor, expected):
+    """NavFn's plan fails if its path has more steps than this times the map's longer side."""
+    text = PARAMS.replace(
+        "tolerance: 0.5", f"max_cycles_factor: {factor}" if factor else "tolerance: 0.5"
+    )
+    _, nav2 = export_mask(nav2_keepout, distro, text)
+    server = nav2["planner_server"]["ros__parameters"]
+    assert server["Fast"].get("max_cycles_factor") == expected
+    assert "max_cycles_factor" not in server["Good"]
+
+
 ROUTE = Path(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]]))
 
 
