@@ -21,15 +21,9 @@ ProgressCallback = Callable[[int, int], None]
 
 
 def is_compiling() -> bool:
-    """True if another thread is compiling a kernel."""
-    try:
-        lock = sys.modules["numba.core.compiler_lock"].global_compiler_lock._lock
-    except (KeyError, AttributeError):  # nothing has imported numba yet
-        return False
-    free = lock.acquire(blocking=False)
-    if free:
-        lock.release()
-    return not free
+    """True if a kernel is being compiled."""
+    module = sys.modules.get("locplan._support.compilation")  # its import loads numba
+    return bool(getattr(module, "is_compiling", bool)())
 
 
 @contextmanager
@@ -123,7 +117,6 @@ class _ProgressBar:
         self._lock = threading.Lock()
         self._began: tuple[float, int] | None = None  # compilation says nothing about the rate
         self._n_done, self._total, self._rate = 0, 0, ""
-        self._n_compiling_looks = 0
         self._bar: Progress | None = None
 
     def show(self) -> Progress | None:
@@ -159,11 +152,7 @@ class _ProgressBar:
     def __str__(self) -> str:
         if self._began:
             return self._rate
-        # A kernel that is read from the cache takes less time than there is between two looks.
-        self._n_compiling_looks = (
-            self._n_compiling_looks + 1 if self._n_compiling_looks > 1 or is_compiling() else 0
-        )
-        return COMPILING if self._n_compiling_looks > 1 else self._first
+        return COMPILING if is_compiling() else self._first
 
 
 def split_progress(

@@ -28,6 +28,7 @@ from typing import IO, Any
 
 from locplan._support.checks import get_usable_memory
 from locplan._support.supervision import end_with_parent
+from locplan._support.user_cache import find_kernel_root
 from locplan.comparison.planners import PlannerSpec
 from locplan.comparison.runs import PlannerJob, forbid_core_files, perform_job
 from locplan.comparison.statistics import PlannerRun
@@ -139,6 +140,7 @@ class _WorkerProcess:
         program = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import run_worker"
         threads = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"
         folders = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch))
+        folders["NUMBA_CACHE_DIR"] = str(find_kernel_root())  # it may be a temporary folder
         # A separate session or group, so that Ctrl-C reaches only the caller.
         self._process = subprocess.Popen(
             [sys.executable, "-c", f"{program}; run_worker({os.getpid()})"],

@@ -25,6 +25,7 @@ from locplan._support.output import clear_abandoned_folders, temporary_folder
 from locplan._support.reading import MAX_JSON_BYTES, parse_json
 from locplan._support.saved import TREE_NAME
 from locplan._support.tables import format_age, format_bytes, format_table
+from locplan._support.user_cache import find_user_cache
 from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
@@ -52,18 +53,16 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
     ----------
     cache_dir : path, optional
         The folder; by default the environment's LOCPLAN_CACHE, or without it the user's cache
-        folder.
+        folder. If that cannot be written, a temporary folder.
 
     Raises
     ------
     ConfigError
         If it is no path, or begins with a user that there is not.
     """
-    from platformdirs import user_cache_path
-
     configured_folder = cache_dir if cache_dir is not None else os.environ.get("LOCPLAN_CACHE")
     if cache_dir is None and not configured_folder:
-        return user_cache_path("locplan") / "fields"
+        return find_user_cache() / "fields"
     folder = os.path.expanduser(check_file_path("the cache folder", configured_folder))
     if folder.startswith("~"):
         raise ConfigError(f"the cache folder {configured_folder}: there is no such user")

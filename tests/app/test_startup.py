@@ -4,7 +4,6 @@ import gc
 import runpy
 import subprocess
 import sys
-import threading
 from types import SimpleNamespace
 
 import pytest
@@ -68,30 +67,14 @@ def test_the_search_for_garbage_ends_with_the_program(monkeypatch, ompl):
     assert done == ["set_threshold", "work", *([] if ompl else ["disable", "freeze"])]
 
 
-def test_the_bar_says_that_it_compiles_only_while_it_does():
-    from numba.core.compiler_lock import global_compiler_lock
+def test_bar_shows_compilation_while_it_lasts(monkeypatch):
+    from locplan._support import compilation
 
     bar = progress._ProgressBar("field", "cells", "starting")
     assert str(bar) == "starting"
-    held, done = threading.Event(), threading.Event()
-
-    def compile_something():
-        with global_compiler_lock:
-            held.set()
-            done.wait()
-
-    thread = threading.Thread(target=compile_something)
-    thread.start()
-    held.wait()
-    assert [str(bar) for _ in range(3)] == ["starting", progress.COMPILING, progress.COMPILING]
-    done.set()
-    thread.join()
+    monkeypatch.setattr(compilation, "is_compiling", lambda: True)
+    assert str(bar) == progress.COMPILING
+    monkeypatch.undo()
+    assert str(bar) == "starting"
     bar.update(10, 100)
     assert str(bar) == ""
-
-
-def test_a_kernel_read_from_the_cache_is_not_called_compiled(monkeypatch):
-    bar = progress._ProgressBar("field", "cells", "starting")
-    looks = iter([True, False, True, False])
-    monkeypatch.setattr(progress, "is_compiling", lambda: next(looks))
-    assert [str(bar) for _ in range(4)] == ["starting"] * 4

@@ -7,7 +7,6 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from support.kernel_cache import FOLDER, KERNELS, VARIABLE, digest_of
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTRAS = ("dask", "explore", "functions", "ros", "tables")
@@ -35,12 +34,8 @@ def floors() -> list[str]:
 @pytest.mark.long
 @pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason="later Pythons need later versions")
 def test_the_lowest_versions_that_are_declared_work(tmp_path):
-    (numba,) = (each for each in floors() if each.startswith("numba=="))
-    kernels = FOLDER / digest_of(KERNELS, numba)
-
     def run(*words):
-        # Kernels compiled with another numba than the tests' are kept apart from theirs.
-        env = {**os.environ, "PYTHONPATH": str(ROOT), VARIABLE: str(kernels)}
+        env = {**os.environ, "PYTHONPATH": str(ROOT)}
         done = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr[-3000:]
         return done.stdout

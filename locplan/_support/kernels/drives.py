@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels import particles
 from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
 from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, simulate_measured_ends

@@ -17,8 +17,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import N_DONE, STOP, Floats, Ints, Octets, Random, Singles
 from locplan._support.kernels.rays import cast_ray
 

@@ -18,9 +18,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Floats, Octets, Shorts
 from locplan._support.kernels.simd import SHORTS
 

@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Bools, Floats, Ints
 
 PART = math.radians(2)

@@ -10,8 +10,8 @@ Positions are continuous (row, col) in cells: cell (r, c) covers [r, r + 1) x [c
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Bools, Floats, Octets
 
 TOUCH = 1e-6

@@ -19,9 +19,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan._support.kernels.simd import prefetch
 

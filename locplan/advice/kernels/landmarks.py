@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Numbers, Octets, Singles
 from locplan._support.kernels.rays import cast_ray
 

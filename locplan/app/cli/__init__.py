@@ -18,6 +18,7 @@ from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedC
 from locplan._support.checks import format_suggestion, short_repr
 from locplan._support.files import protect_inputs
 from locplan._support.supervision import INTERRUPTED, end_if_supervised
+from locplan._support.user_cache import choose_user_cache
 from locplan.app.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, run_tokens
 from locplan.app.cli.wording import translate_options
 from locplan.errors import LocplanError, format_one_line
@@ -70,6 +71,9 @@ def _fix_environment() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without ² or ∫ shows ?
     os.environ["MPLBACKEND"] = "agg"  # a notebook sets its own, which may not be installed here
+    if not os.access(os.path.expanduser("~"), os.W_OK):  # matplotlib would warn in each run
+        folder, substitute = choose_user_cache()
+        os.environ.setdefault("MPLCONFIGDIR", str((substitute or folder) / "matplotlib"))
     columns = shutil.get_terminal_size().columns
     if "COLUMNS" in os.environ or columns < MIN_COLUMNS:
         os.environ["COLUMNS"] = str(max(MIN_COLUMNS, columns))

@@ -8,8 +8,8 @@ x and y of its origin. `half` is half the density, see `locplan._support.kernels
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Numbers
 from locplan._support.kernels.rays import TOUCH, compute_segment_cost
 

@@ -6,8 +6,8 @@ numpy's eigh takes about five times as long for so small matrices.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Floats
 
 SWEEPS = 12

@@ -13,9 +13,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Bools, Floats, Ints, Octets, Words
 from locplan._support.kernels.simd import (
     LANES,

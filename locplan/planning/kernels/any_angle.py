@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan._support.kernels.rays import compute_segment_cost
 from locplan._support.kernels.search import find_cost_range, put_into_bucket

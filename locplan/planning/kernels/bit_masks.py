@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Ints, Words
 
 WORD = 64

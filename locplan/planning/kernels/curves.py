@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Numbers
 
 STRAIGHT, DUBINS, REEDS_SHEPP = 0, 1, 2

@@ -11,8 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Floats, Ints, Numbers
 from locplan._support.kernels.outlines import CollisionMap, find_first_hit
 from locplan._support.kernels.rays import TOUCH, compute_segment_cost

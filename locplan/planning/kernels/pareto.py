@@ -14,9 +14,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Floats, Ints, Numbers
 from locplan._support.kernels.search import COLUMNS, LENGTHS, ROWS
 

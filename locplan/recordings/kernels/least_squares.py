@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Floats
 from locplan._support.kernels.particles import BeamScores
 from locplan.recordings.kernels.trajectory import write_motion_error

@@ -8,8 +8,8 @@ b + t meets. Sixty-four places are compared at once.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Floats, Ints, Octets, Shorts
 from locplan._support.kernels.lidar import LidarBeams, compute_lidar_offset, write_scan_ends
 from locplan._support.kernels.likelihood import (

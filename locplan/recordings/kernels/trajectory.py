@@ -8,8 +8,8 @@ has a standard deviation for each of these.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Array, Floats, Ints, Random, Singles
 from locplan._support.kernels.particles import wrap_angle
 

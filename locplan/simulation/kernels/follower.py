@@ -14,8 +14,8 @@ Poses are (x, y, heading) in metres along the columns and rows of the part that 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Floats, Ints, Random
 from locplan._support.kernels.drives import (
     FilterState,

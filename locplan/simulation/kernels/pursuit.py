@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.kernels.particles import wrap_angle
 from locplan.simulation.kernels.bodies import DriveWorld, RobotBody, measure_margin

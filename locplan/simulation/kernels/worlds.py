@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from locplan._support.compilation import njit
 from locplan._support.kernels.arrays import Bools, Ints
 
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
