@@ -37,8 +37,7 @@ from locplan._support.records import FILE_DPI
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW = "#e69f00", "#56b4e9", "#f0e442"
 RED, AMBER, TEAL = "#c62828", "#b26a00", "#00796b"
-COLOURS: tuple[str, ...] = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-"""Colours of several things in turn, which colour-blind people can tell apart (Okabe and Ito)."""
+"""Colours that colour-blind people can tell apart (Okabe and Ito), and three darker ones."""
 RECOMMENDED = BLUE
 """Colour of the recommended path."""
 

@@ -27,6 +27,7 @@ from locplan._support.intervals import Interval
 from locplan._support.kernels.arrays import Floats
 from locplan.advice.landmark_objects import compute_outline_points
 from locplan.advice.landmarks import EXPECTED_DEVIATION, PAYING_SHARE, Landmarks, Verification
+from locplan.advice.preset_choice import USER_SETTINGS
 from locplan.advice.weak_spots import sample_path
 from locplan.maps.figures import (
     compute_drawing_size,
@@ -45,9 +46,6 @@ from locplan.planning.figures import (
     make_path_norm,
 )
 from locplan.simulation.drives import LOST_DISTANCE, LOST_SHORT_TEXT, Drives
-from locplan.simulation.figures import (
-    MAP_MARKS,
-)
 
 if TYPE_CHECKING:
     from locplan.advice.tuning import Tuning
@@ -63,6 +61,14 @@ if TYPE_CHECKING:
     from locplan.advice.map_repair import RepairedMap
 
 
+SETTINGS_MARKS = {
+    USER_SETTINGS: ("0.35", "o"),
+    "precise": (style.VERMILION, "^"),
+    "safe": (style.BLUE, "s"),
+}
+"""Colour and marker of the user's settings and of each preset."""
+
+
 def tuning_figure(tuning: Tuning) -> Figure:
     """Draw errors and rates of the user's settings and of the presets, case by case.
 
@@ -76,13 +82,15 @@ def tuning_figure(tuning: Tuning) -> Figure:
     results = tuning.choice.results
     cases = [*dict.fromkeys(result.case for result in results)]
     for place, name in enumerate(dict.fromkeys(result.settings for result in results)):
-        mark = MAP_MARKS[place]
+        mark, label = SETTINGS_MARKS[name], name
+        if name == tuning.choice.name:
+            label = f"{name}: {'keep these' if name == USER_SETTINGS else 'use this preset'}"
         of_settings = [result for result in results if result.settings == name]
         at = np.array([cases.index(result.case) for result in of_settings]) + 0.15 * (place - 1)
         error = np.array([result.error for result in of_settings])
         share = np.array([result.off_at_end for result in of_settings])
-        _draw_intervals(errors, at, error, mark, name)
-        _draw_intervals(off_at_end, at, 100 * share, mark, name)
+        _draw_intervals(errors, at, error, mark, label)
+        _draw_intervals(off_at_end, at, 100 * share, mark, label)
     for axes in (errors, off_at_end):
         axes.set_xticks(range(len(cases)), [textwrap.fill(name, 10) for name in cases])
         axes.tick_params(axis="x", labelsize="small")

@@ -17,7 +17,6 @@ from matplotlib.patches import Patch
 
 from locplan._support.drawing import (
     BLUE,
-    COLOURS,
     MIN_ERROR,
     ORANGE,
     PATH_STYLES,
@@ -67,10 +66,6 @@ from locplan.simulation.recommendation import Recommendation
 if TYPE_CHECKING:
     from locplan.simulation.query_routes import Routes
     from locplan.simulation.simulations import Simulation
-
-
-MAP_MARKS = (*zip(COLOURS, "o^sDvP", strict=True),)
-"""Colour and marker of each map; where there are more maps, all of them look alike."""
 
 
 def simulation_figure(simulation: Simulation) -> Figure:

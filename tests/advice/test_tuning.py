@@ -497,8 +497,12 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
     assert about["conclusion"] == tuning.conclusion
     assert about["changes"] == tuning.changes
     assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == tuning.winner
-    labels = [panel.get_ylabel() for panel in tuning_figure(tuning).axes]
+    figure = tuning_figure(tuning)
+    labels = [panel.get_ylabel() for panel in figure.axes]
     assert labels == ["RMSE of the position [m]", "off at the end [% of the drives]"]
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert tuning.choice.name == "your settings"
+    assert entries == ["your settings: keep these", "precise", "safe"]
 
 
 @pytest.mark.parametrize(
