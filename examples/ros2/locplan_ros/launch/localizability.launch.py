@@ -1,7 +1,22 @@
-"""Serve the masks that locplan exported, and watch the robot; --show-args lists the arguments.
+# Copyright 2026 locplan developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 
-What the masks' servers are is written in each exported folder, in localizability.launch.xml, which
-is included here.
+"""
+Launch the masks that locplan exported, and watch the robot; --show-args lists the arguments.
+
+Each exported folder has a localizability.launch.xml with the servers of its mask. This file
+includes it.
 """
 
 from pathlib import Path
@@ -12,89 +27,87 @@ from launch.launch_description_sources import AnyLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-HERE = Path(__file__).resolve().parent.parent
-SERVERS = "localizability.launch.xml"
+SHARE = Path(__file__).resolve().parent.parent
+SERVERS = 'localizability.launch.xml'
 ARGUMENTS = {
-    "exports": ("", "Folders of `locplan export --to nav2-...`, separated by commas"),
-    "map": ("", "Map YAML to serve; leave it out where Nav2's bringup serves the map"),
-    "field": ("", "Field (.npz) to watch the robot on; without it no node watches"),
-    "params_file": (str(HERE / "config" / "watch.yaml"), "Parameters of the watching node"),
-    "rviz": ("true", "Whether to start RViz"),
-    "use_sim_time": ("false", "Whether the clock is that of a simulation or a bag"),
+    'exports': ('', 'Folders of `locplan export --to nav2-...`, separated by commas'),
+    'map': ('', "Map YAML to serve; omit it if Nav2's bringup serves the map"),
+    'field': ('', 'Field (.npz) to watch the robot on; without it, the node does not start'),
+    'params_file': (str(SHARE / 'config' / 'watch.yaml'), 'Parameters of the node'),
+    'rviz': ('true', 'Whether to start RViz'),
+    'use_sim_time': ('false', 'Whether to use the clock of a simulation or a bag'),
 }
 
 
 def generate_launch_description():
-    declared = [
-        DeclareLaunchArgument(name, default_value=value, description=about)
-        for name, (value, about) in ARGUMENTS.items()
+    """Return the arguments, and the actions that depend on them."""
+    arguments = [
+        DeclareLaunchArgument(name, default_value=value, description=description)
+        for name, (value, description) in ARGUMENTS.items()
     ]
-    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+    return LaunchDescription([*arguments, OpaqueFunction(function=make_actions)])
 
 
-def start(context):
-    """The actions for the arguments given."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    clock = {"use_sim_time": is_true(given["use_sim_time"])}
-    # The masks' servers keep the real clock: what they publish holds at any time.
-    actions = [servers_of(each.strip()) for each in given["exports"].split(",") if each.strip()]
-    if given["map"]:
-        actions += map_server(existing(given["map"]))
-    if given["field"]:
-        parameters = [existing(given["params_file"]), {"field": existing(given["field"]), **clock}]
+def make_actions(context):
+    """Return the actions for the values of the arguments."""
+    values = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    clock = {'use_sim_time': values['use_sim_time'].lower() in ('true', '1', 'yes')}
+    # The masks' servers keep the real clock, because masks do not depend on the time.
+    folders = [folder.strip() for folder in values['exports'].split(',') if folder.strip()]
+    actions = [include_servers(folder) for folder in folders]
+    if values['map']:
+        actions += make_map_server(resolve_path(values['map']))
+    if values['field']:
+        params_file, field = resolve_path(values['params_file']), resolve_path(values['field'])
         actions.append(
             Node(
-                package="locplan_ros",
-                executable="watch",
-                name="localizability_watch",
-                output="screen",
-                parameters=parameters,
+                package='locplan_ros',
+                executable='watch',
+                name='localizability_watch',
+                output='screen',
+                parameters=[params_file, {'field': field, **clock}],
             )
         )
-    if is_true(given["rviz"]):
-        view = str(HERE / "rviz" / "localizability.rviz")
+    if values['rviz'].lower() in ('true', '1', 'yes'):
+        view = str(SHARE / 'rviz' / 'localizability.rviz')
         actions.append(
-            Node(package="rviz2", executable="rviz2", arguments=["-d", view], parameters=[clock])
+            Node(package='rviz2', executable='rviz2', arguments=['-d', view], parameters=[clock])
         )
     return actions
 
 
-def servers_of(folder):
-    """The servers of an exported folder."""
-    launch = existing(str(Path(folder) / SERVERS))
+def include_servers(folder):
+    """Return the action that starts the servers of an exported folder."""
+    launch = resolve_path(str(Path(folder) / SERVERS))
     return IncludeLaunchDescription(AnyLaunchDescriptionSource(launch))
 
 
-def map_server(yaml_filename):
-    """A server of the robot's map, and its lifecycle manager."""
-    name = "localizability_map_server"
-    map_ = {"yaml_filename": yaml_filename, "topic_name": "/map", "frame_id": "map"}
-    manager = {"autostart": True, "node_names": [name]}
+def make_map_server(yaml_filename):
+    """Return a server of the robot's map, and its lifecycle manager."""
+    name = 'localizability_map_server'
+    server = {'yaml_filename': yaml_filename, 'topic_name': '/map', 'frame_id': 'map'}
+    manager = {'autostart': True, 'node_names': [name]}
     return [
         Node(
-            package="nav2_map_server",
-            executable="map_server",
+            package='nav2_map_server',
+            executable='map_server',
             name=name,
-            output="screen",
-            parameters=[map_],
+            output='screen',
+            parameters=[server],
         ),
         Node(
-            package="nav2_lifecycle_manager",
-            executable="lifecycle_manager",
-            name="lifecycle_manager_localizability_map",
-            output="screen",
+            package='nav2_lifecycle_manager',
+            executable='lifecycle_manager',
+            name='lifecycle_manager_localizability_map',
+            output='screen',
             parameters=[manager],
         ),
     ]
 
 
-def existing(path):
-    """An absolute path, which must exist."""
+def resolve_path(path):
+    """Return the absolute path of a file or folder, which must exist."""
     absolute = Path(path).expanduser().resolve()
     if not absolute.exists():
-        raise FileNotFoundError(f"there is no {absolute}; check the launch arguments")
+        raise FileNotFoundError(f'there is no {absolute}; check the launch arguments')
     return str(absolute)
-
-
-def is_true(text):
-    return text.lower() in ("true", "1", "yes")

@@ -1,43 +1,57 @@
-"""When a robot enters and leaves degenerate places: events from its poses, without ROS."""
+# Copyright 2026 locplan developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Events of a robot that enters and leaves degenerate places, without ROS."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+import math
 from typing import Protocol
 
 import numpy as np
 
-CLEAR, DEGENERATE, NOWHERE = "clear", "degenerate", "nowhere"
-"""The states of a robot: well localizable, in a degenerate place, where the field has no value."""
+CLEAR, DEGENERATE, OFF_FIELD = 'clear', 'degenerate', 'off the field'
+"""The states of a robot: localizable, in a degenerate place, or off the field."""
 
 
 class Field(Protocol):
-    """A field that can be asked for a position [m]; NaN where it has no value."""
+    """A field with a value for each free position of a map."""
 
     def at(self, x: float, y: float, heading: float | None = None) -> tuple[float, np.ndarray]:
-        """Degeneracy u, 0..1, and covariance of (x, y, theta), or of (x, y), (d, d)."""
+        """Return u, 0..1, and the covariance of (x, y, theta), or of (x, y); NaN off the field."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits between the states; a ValueError says what is wrong with them."""
+    """The limits between the states; a ValueError if they contradict each other."""
 
     enter: float = 0.5
-    """Degeneracy u from which on a place is degenerate."""
+    """Degeneracy u at which a degenerate place begins."""
     leave: float = 0.4
-    """Degeneracy u below which the robot has left it; the gap keeps a border from flickering."""
+    """Degeneracy u below which it ends. The gap prevents events at every pose near a border."""
     patience: int = 5
-    """Number of poses in a row without a value before the robot counts as nowhere."""
+    """Number of consecutive poses without a value before the robot counts as off the field."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.leave <= self.enter <= 1:
             raise ValueError(
-                f"leave and enter must be 0 <= leave <= enter <= 1, not {self.leave:g} and"
-                f" {self.enter:g}"
+                f'leave and enter must be 0 <= leave <= enter <= 1, not {self.leave:g} and'
+                f' {self.enter:g}'
             )
         if self.patience < 1:
-            raise ValueError(f"patience must be at least 1 pose, not {self.patience}")
+            raise ValueError(f'patience must be at least 1 pose, not {self.patience}')
 
 
 @dataclass(frozen=True)
@@ -51,13 +65,13 @@ class Event:
 
     @property
     def is_warning(self) -> bool:
-        """Whether it is worth a warning."""
+        """Return True if the new state deserves a warning."""
         return self.state != CLEAR
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What the field says of one pose."""
+    """The field's values at a pose of the robot."""
 
     x: float
     """World position [m]."""
@@ -66,28 +80,31 @@ class Reading:
     heading: float
     """Heading of the robot [rad]."""
     u: float
-    """Degeneracy, 0..1; NaN where the field has no value."""
+    """Degeneracy, 0..1; NaN off the field."""
     covariance: np.ndarray
     """Covariance of (x, y, theta), or of (x, y), (d, d) [m, m, rad]."""
     state: str
     """State of the robot."""
     event: Event | None
-    """The change that this pose brought, if it brought one."""
+    """The change of the state at this pose; None without one."""
 
     @property
     def is_known(self) -> bool:
-        """Whether the field has a value here."""
+        """Return True if the field has a value here."""
         return bool(np.isfinite(self.u) and np.isfinite(self.covariance).all())
 
 
 class Watch:
-    """The state of a robot that moves over a field; each pose gives a `Reading`.
+    """
+    The state of a robot that moves over a field; each pose gives a `Reading`.
 
     Parameters
     ----------
     field : Field
         The field, such as a `locplan_ros.field_file.FieldFile`.
     limits : Limits, optional
+        The limits between the states.
+
     """
 
     def __init__(self, field: Field, limits: Limits | None = None) -> None:
@@ -99,7 +116,7 @@ class Watch:
         self._driven = 0.0
 
     def update(self, x: float, y: float, heading: float = 0.0) -> Reading:
-        """Take the robot's next pose [m, m, rad]."""
+        """Return the reading of the robot's next pose [m, m, rad]."""
         u, covariance = self.field.at(x, y, heading)
         if self._last is not None and self.state == DEGENERATE:
             self._driven += math.hypot(x - self._last[0], y - self._last[1])
@@ -109,7 +126,7 @@ class Watch:
         state = self._next_state(u) if known else self._state_without_value()
         event = None
         if state != self.state:
-            event = Event(state, self._sentence(state, x, y, covariance))
+            event = Event(state, self._format_event(state, x, y, covariance))
             self.state, self._driven = state, 0.0
         return Reading(x, y, heading, u, covariance, self.state, event)
 
@@ -118,36 +135,35 @@ class Watch:
         return DEGENERATE if u >= limit else CLEAR
 
     def _state_without_value(self) -> str:
-        return NOWHERE if self._without_value >= self.limits.patience else self.state
+        return OFF_FIELD if self._without_value >= self.limits.patience else self.state
 
-    def _sentence(self, state: str, x: float, y: float, covariance: np.ndarray) -> str:
-        place = f"({x:.2f}, {y:.2f})"
+    def _format_event(self, state: str, x: float, y: float, covariance: np.ndarray) -> str:
+        place = f'({x:.2f}, {y:.2f})'
         if state == DEGENERATE:
-            return (
-                f"entered a degenerate place at {place}: a match there knows {spread(covariance)}"
-            )
-        if state == NOWHERE:
-            return f"the field has no value at {place}: no free cell of its map"
+            deviations = format_deviations(covariance)
+            return f'entered a degenerate place at {place}: a scan match there knows {deviations}'
+        if state == OFF_FIELD:
+            return f'left the field at {place}: no free cell of its map'
         if self.state == DEGENERATE:
-            return f"left the degenerate place at {place} after {self._driven:.1f} m"
-        return f"back on the field at {place}"
+            return f'left the degenerate place at {place} after {self._driven:.1f} m'
+        return f'back on the field at {place}'
 
 
-def ellipse(covariance: np.ndarray) -> tuple[float, float, float]:
-    """Standard deviations along both axes of the position [m], and the major axis [rad]."""
+def compute_ellipse(covariance: np.ndarray) -> tuple[float, float, float]:
+    """Return the deviations along both axes of the position [m], and the major axis [rad]."""
     xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
     mean, radius = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
     major, minor = math.sqrt(mean + radius), math.sqrt(max(mean - radius, 0.0))
     return major, minor, 0.5 * math.atan2(2 * xy, xx - yy)
 
 
-def spread(covariance: np.ndarray) -> str:
-    """The standard deviations in centimetres and degrees."""
-    major, minor, direction = ellipse(covariance)
+def format_deviations(covariance: np.ndarray) -> str:
+    """Return the standard deviations in centimetres and degrees."""
+    major, minor, direction = compute_ellipse(covariance)
+    degrees = round(math.degrees(direction)) % 180
     text = (
-        f"the position to {100 * major:.0f} cm along {round(math.degrees(direction)) % 180} deg and"
-        f" {100 * minor:.0f} cm across"
+        f'the position to {100 * major:.0f} cm along {degrees} deg and {100 * minor:.0f} cm across'
     )
     if len(covariance) == 3:
-        text += f", the heading to {math.degrees(math.sqrt(covariance[2, 2])):.1f} deg"
+        text += f', the heading to {math.degrees(math.sqrt(covariance[2, 2])):.1f} deg'
     return text
