@@ -171,7 +171,7 @@ def test_page_shows_shortest_path_while_field_is_computed(visit):
     state = {"field": None, "layers": [], "weak_spots": None}
     window = visit(answers={"state": lambda *_: state, "plan": lambda *_: {**empty, **stops}})
     assert "Computing" in window.text("aside .head")
-    assert window.text("aside tbody") == "Recommended – – – Shortest 36.0 m – –"
+    assert window.text("aside tbody") == "Aware – – – Shortest 36.0 m – –"
     assert window.page.locator("aside .main").count() == 0
 
 

@@ -167,7 +167,7 @@ function Help() {
 		<dt><kbd>Ctrl</kbd> <kbd>Z</kbd></dt><dd>Undo. With <kbd>Shift</kbd>: redo</dd>
 		<dt><kbd>L</kbd></dt><dd>Next layer</dd>
 		<dt><kbd>Esc</kbd></dt><dd>Return to the Move tool</dd></dl>
-		<p class="sub">Localization is weak where a scan looks the same after a move. The recommended path avoids such places. The slider sets the detour that avoiding a metre of them is worth.</p>
+		<p class="sub">Localization is weak where a scan looks the same after a move. The aware path avoids such places. The slider sets the detour that avoiding a metre of them is worth. A simulation recommends a path.</p>
 		<form method="dialog"><button class="main">Close</button></form></dialog>`;
 }
 

@@ -30,7 +30,7 @@ const headline = computed(() => {
 	if (!hasBoth.value) return server.value?.field ? (status.plan.value === "waiting" ? "Planning …" : (results.plan.value?.why ?? "Planning …")) : "Computing how well scans fix the position …";
 	const { recommended, shortest } = lines.value;
 	const [longer, fewer] = [recommended.length - shortest.length, shortest.degenerate - recommended.degenerate];
-	if (fewer < 0.05) return longer < 0.05 ? "The shortest path is fine" : `The recommended path is ${metres(longer)} longer`;
+	if (fewer < 0.05) return longer < 0.05 ? "The shortest path is fine" : `The aware path is ${metres(longer)} longer`;
 	return `The longer path avoids ${metres(fewer, fewer < 10 ? 1 : 0)} of weak localization`;
 });
 const evidence = computed(() => {
@@ -60,7 +60,7 @@ function Route() {
 		<p class="head">${headline}</p>
 		<p class="sub">${evidence}${hasBoth.value && html` <span class="tag ${tag}">${tag}</span>`}</p>
 		<table><thead><tr><th scope="col"><span class="unseen">Path</span></th>${head.map((title) => html`<th scope="col">${title}</th>`)}</tr></thead><tbody>
-		${["Recommended", "Shortest"].map((title, row) => html`<tr class=${row ? "" : "best"}><th scope="row"><i class="line ${row ? "dashed" : ""}"></i>${title}</th>${cells[row].map((cell) => html`<td>${cell}</td>`)}</tr>`)}</tbody></table>
+		${[isSimulated.value ? "Recommended" : "Aware", "Shortest"].map((title, row) => html`<tr class=${row ? "" : "best"}><th scope="row"><i class="line ${row ? "dashed" : ""}"></i>${title}</th>${cells[row].map((cell) => html`<td>${cell}</td>`)}</tr>`)}</tbody></table>
 		<${Candidates} /><${Weight} /><${Primary} /></section>`;
 }
 

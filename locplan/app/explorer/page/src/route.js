@@ -190,5 +190,5 @@ function takePlan(answer, moment) {
 
 function planText({ recommended, shortest, why }) {
 	if (!recommended) return why ?? "No path joins these places.";
-	return `Recommended path ${metres(recommended.length)}, shortest ${metres(shortest.length)}.`;
+	return `Aware path ${metres(recommended.length)}, shortest ${metres(shortest.length)}.`;
 }

@@ -65,7 +65,7 @@ export function fresh(name) {
 // A moved route keeps the plan on the map until its next answer, which is already asked for.
 const livePlan = computed(() => (["fresh", "route"].includes(status.plan.value) ? plan.value : null));
 
-/** The two paths that the map, the table and the profile show: {recommended, shortest, isSimulated}. */
+/** The two paths that the map, the table and the profile show: {recommended, shortest, isSimulated}. Until a simulation recommends one, the first is the aware path. */
 export const lines = computed(() => {
 	const known = fresh("simulated");
 	if (!known) return { recommended: livePlan.value?.recommended, shortest: livePlan.value?.shortest, isSimulated: false };
