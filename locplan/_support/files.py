@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
@@ -71,14 +71,26 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
+def write_text(file: Path, text: str, errors: str = "strict") -> None:
+    """Write a text in UTF-8 with the line ends that it has, also on Windows."""
+    file.write_text(text, encoding="utf-8", errors=errors, newline="\n")
+
+
 def check_replaces_no_input(path: Path) -> None:
     """Raise a LocplanError if writing there replaces an input, or a folder with one in it."""
     target = _resolve_links(path)
     for input_file in _INPUTS.get() or ():
-        if target in (input_file, *input_file.parents):
+        if any(_is_same_file(target, place) for place in (input_file, *input_file.parents)):
             raise LocplanError(
                 f"{path}: replaces {input_file.name}, a map or another input; choose another name"
             )
+
+
+def _is_same_file(one: Path, other: Path) -> bool:
+    """True if two paths lead to one file, such as Map.yaml and map.yaml on macOS and Windows."""
+    with suppress(OSError):  # one of them does not exist
+        return one == other or os.path.samefile(one, other)
+    return False
 
 
 def _resolve_links(path: Path) -> Path:

@@ -27,6 +27,7 @@ from locplan._support.files import (
     check_writable_file,
     check_writable_folder,
     translate_write_errors,
+    write_text,
 )
 from locplan._support.reading import open_plain_file, parse_json, read_text
 from locplan._support.supervision import announce_folder
@@ -142,7 +143,7 @@ class ResultOutput:
             text = runs.format_run(
                 Path(strip_staging_folder(self._absolute_folder)), self.kind, outputs
             )
-            (new / self._run_name).write_text(text, encoding="utf-8")
+            write_text(new / self._run_name, text)
             present[self._run_name] = compute_file_digest(self._absolute_folder / self._run_name)
             moves, removals = (
                 {(within / name).as_posix(): present[name] for name in names}
@@ -270,7 +271,7 @@ def write_move_journal(
         if (staging.parent / name).is_dir():
             raise IsADirectoryError(21, "a folder is in its place", str(staging.parent / name))
     draft = staging / "draft"
-    draft.write_text(json.dumps([dict(moves), dict(removals or {})]), encoding="utf-8")
+    write_text(draft, json.dumps([dict(moves), dict(removals or {})]))
     os.replace(draft, staging / JOURNAL)
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.checks import check_file_path, short_repr
-from locplan._support.files import check_writable_file
+from locplan._support.files import check_writable_file, write_text
 from locplan._support.output import replace_file
 from locplan._support.reading import (
     STAMP,
@@ -123,7 +123,7 @@ class StoredResult(EqualByValue):
         with replace_file(file) as temporary:
             if self.suffix == ".json":
                 text = json.dumps(arrays_to_lists(content), indent=1, allow_nan=False)
-                temporary.write_text(text + "\n", encoding="utf-8")
+                write_text(temporary, text + "\n")
             else:
                 _write_arrays(temporary, content)
 

@@ -18,28 +18,37 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan import __version__
+from locplan._support.checks import short_repr
+from locplan._support.files import write_text
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import replace_file
+from locplan.errors import ConfigError
 
 T = TypeVar("T")
 
 TEXT_WIDTH, REPORT_WIDTH = 105, 100
 """Maximum width of text beside tables, and that of running text in reports [characters]."""
+_DEVICES = {f"{port}{n}" for port in ("COM", "LPT") for n in "123456789"}
+_DEVICES |= {"CON", "PRN", "AUX", "NUL"}
+"""Names that no file on Windows may have, with any suffix."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a formula of a spreadsheet, or of a text guarded by `format_csv_cell`."""
 
 
 def write_csv(target: Path, values: Floats, header: str, number: str = "%.6f") -> None:
     """Write columns of numbers with a header as CSV, whole or not at all."""
-    with replace_file(target) as temporary:
-        np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
+    with (
+        replace_file(target) as temporary,
+        temporary.open("w", encoding="utf-8", newline="\n") as file,
+    ):
+        np.savetxt(file, values, number, delimiter=",", header=header, comments="")
 
 
 def write_json(file: Path, content: Mapping[str, object]) -> None:
     """Write numbers and texts with the version of locplan, as a whole or not at all."""
     with replace_file(file) as temporary:
         text = json.dumps({"locplan": __version__, **content}, indent=2)
-        temporary.write_text(text + "\n", encoding="utf-8")
+        write_text(temporary, text + "\n")
 
 
 def write_csv_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -200,8 +209,25 @@ def format_age(moment: float) -> str:
 
 
 def make_file_name(name: str) -> str:
-    """Return a map's name with dashes for characters that some file systems refuse."""
-    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+    """Return a name of which every file system makes a file, with dashes for other characters.
+
+    >>> make_file_name("dock 3/left"), make_file_name(".."), make_file_name("Aux.1")
+    ('dock-3-left', '-', 'Aux-.1')
+    """
+    text = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".") or "-"
+    stem, dot, suffix = text.partition(".")
+    return f"{stem}-{dot}{suffix}" if stem.upper() in _DEVICES else text
+
+
+def check_file_names_differ(kind: str, names: Iterable[str]) -> None:
+    """Raise a ConfigError if two names make one file, at least where upper case does not count."""
+    names_by_file: dict[str, str] = {}
+    for name in names:
+        file = make_file_name(name).casefold()
+        if file in names_by_file:
+            pair = f"{short_repr(names_by_file[file])} and {short_repr(name)}"
+            raise ConfigError(f"{kind} {pair} would be saved as one file; rename one")
+        names_by_file[file] = name
 
 
 def make_geojson_feature(
@@ -239,4 +265,4 @@ def write_geojson(
     """Write a collection, as a whole or not at all."""
     text = json.dumps(feature_collection, allow_nan=False, indent=indent)
     with replace_file(file) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+        write_text(temporary, text + "\n")

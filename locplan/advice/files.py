@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path as Folder
 from typing import TypeAlias
 
+from locplan._support.files import write_text
 from locplan._support.tables import write_csv_rows
 from locplan.advice.check_result import Check
 from locplan.advice.fixes import CORRECTED_MAP, FULL_RANGE, LANDMARKS, PATHS, REPAIRED_MAP, SETTINGS
@@ -86,8 +87,8 @@ def write_fix_files(folder: Folder, check: Check, params: Params) -> None:
     elif kinds & {FULL_RANGE, SETTINGS}:
         write_tuned_parameters(parameter_file, check.fixed_scenario.robot.amcl)
     if CORRECTED_MAP in kinds and check.source:
-        (folder / "map.yaml").write_text(
-            format_corrected_yaml(check.source, correction.corrected_lengths), "utf-8"
+        write_text(
+            folder / "map.yaml", format_corrected_yaml(check.source, correction.corrected_lengths)
         )
     elif CORRECTED_MAP in kinds:
         save_map(correction.rescale(correction.grid), folder / "map.yaml")

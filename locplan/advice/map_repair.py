@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from locplan._support.checks import check_integer
+from locplan._support.files import write_text
 from locplan._support.intervals import Interval
 from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback, split_progress
@@ -134,7 +135,7 @@ class RepairedMap(Result):
         if self.n_changed:
             write_filter_map(folder, self.filter_map)
         if self.source is not None:
-            (folder / "map.yaml").write_text(format_corrected_yaml(self.source), "utf-8")
+            write_text(folder / "map.yaml", format_corrected_yaml(self.source))
 
     def figure(self) -> Figure:
         """Draw the original and the repaired map, side by side."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from locplan._support.files import write_text
 from locplan._support.intervals import Interval, format_rate
 from locplan._support.output import replace_file
 from locplan._support.public import load_templates
@@ -116,4 +117,4 @@ def write_report(path: Path, check: Check, *related_results: Any) -> None:
         ],
     )
     with replace_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="replace")
+        write_text(temporary, text, errors="replace")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from locplan._support.checks import short_repr
+from locplan._support.tables import check_file_names_differ
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.costmap import Costmap
 from locplan.planning.map_info import describe_map
@@ -48,6 +49,7 @@ def plan_routes(
     if len(queries) > MAX_ROUTES:
         step = math.ceil(len(queries) / MAX_ROUTES)
         queries = queries[::step]
+    check_file_names_differ("routes", dict.fromkeys(query.name for query in queries))
     paths = {}
     for query in queries:
         try:

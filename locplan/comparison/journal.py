@@ -54,7 +54,7 @@ class RunJournal:
         with translate_write_errors(self.path):
             if self.path.exists():
                 open_plain_file(self.path, 2**28).close()
-            self._file = self.path.open("a+", encoding="ascii")
+            self._file = self.path.open("a+", encoding="ascii", newline="\n")
         try:
             self._lock()
             self._read_runs(force)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup, escape
 
+from locplan._support.files import write_text
 from locplan._support.public import load_templates, render_png
 from locplan.comparison.figures import cost_figure, find_most_telling_scene, scene_figure
 from locplan.comparison.result import Comparison, PlannerStanding
@@ -68,7 +69,7 @@ def write_comparison_report(path: Path, comparison: Comparison) -> None:
         script=Markup(script),
         digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )
-    path.write_text(text, encoding="utf-8", errors="replace")
+    write_text(path, text, errors="replace")
 
 
 def find_answers(comparison: Comparison) -> Iterator[ReportAnswer]:

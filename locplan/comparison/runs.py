@@ -273,7 +273,7 @@ def limit_memory(extra_bytes: float) -> Iterator[None]:
 def _measure_data_size() -> int:
     """Return the memory that counts towards the limit: private and writable [bytes]."""
     try:
-        lines = Path("/proc/self/status").read_text().splitlines()
+        lines = Path("/proc/self/status").read_text("ascii").splitlines()
     except OSError:
         return 0
     return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmData")), 0)

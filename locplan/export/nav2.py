@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.checks import check_number
+from locplan._support.files import write_text
 from locplan.errors import LocplanError
 from locplan.export.behavior_trees import add_behavior_tree
 from locplan.export.masks import (
@@ -381,7 +382,7 @@ def _write_mask(
         for name, content in parameters.items():
             (temporary / name).write_bytes(content)
         if planning and planning.tree_text is not None:
-            (temporary / "tree.xml").write_text(planning.tree_text, "utf-8")
+            write_text(temporary / "tree.xml", planning.tree_text)
         for mask_kind, stem in stems.items():
             write_map_values(temporary / stem, masks[mask_kind], grid)
         if costs.zones:
@@ -441,4 +442,4 @@ def _write_vector_objects(folder: Path, shapes: Mapping[str, Any], resolution: f
             "ros__parameters": {"type": 0, **topics, "base": 0.0, "multiplier": 1.0}
         },
     }
-    (folder / VECTOR_OBJECTS).write_text(dump_parameters(content), "utf-8")
+    write_text(folder / VECTOR_OBJECTS, dump_parameters(content))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from locplan._support.checks import check_choice
+from locplan._support.files import write_text
 from locplan._support.reading import ROS_BOOLEANS, ROS_NUMBER, format_yaml_scalar
 from locplan.errors import LocplanError
 from locplan.export.masks import PLANNERS, MaskConversion
@@ -91,7 +92,7 @@ def write_merged_parameters(target: Path, paths: Sequence[str | Path]) -> None:
     LocplanError
         If a file cannot be read.
     """
-    target.write_text(dump_parameters(read_parameters(*paths).merge_files().content), "utf-8")
+    write_text(target, dump_parameters(read_parameters(*paths).merge_files().content))
 
 
 def describe_differences(before: Any, merged: Any) -> tuple[list[str], list[str]]:

@@ -9,7 +9,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from locplan import __version__
-from locplan._support.files import check_writable_file
+from locplan._support.files import check_writable_file, write_text
 from locplan._support.output import replace_file
 from locplan._support.tables import write_csv
 from locplan.export.registry import DEFAULT_FRAME
@@ -72,7 +72,7 @@ def write_path_file(
         lines = [f"header: {json.dumps(fields['header'])}", "poses:"]
         text = "\n".join([*lines, *(f"- {json.dumps(pose)}" for pose in fields["poses"])])
     with replace_file(file) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+        write_text(temporary, text + "\n")
 
 
 def write_field_file(path: str | os.PathLike[str], field: CovarianceField) -> None:

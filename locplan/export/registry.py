@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from locplan._support.files import check_writable_file
+from locplan._support.files import check_writable_file, write_text
 from locplan._support.output import ResultOutput
 from locplan._support.public import load_templates
 from locplan.errors import ConfigError
@@ -284,9 +284,9 @@ def create_export_folder(
     """
     with ResultOutput(Path(target), metadata["kind"], force, purposes=purposes).writing() as folder:
         yield folder
-        (folder / "README.md").write_text(render_template(readme, template_values), "utf-8")
+        write_text(folder / "README.md", render_template(readme, template_values))
         text = json.dumps(metadata, indent=2, allow_nan=False)
-        (folder / METADATA_FILE).write_text(text + "\n", "utf-8")
+        write_text(folder / METADATA_FILE, text + "\n")
 
 
 def render_template(template: str, template_values: Mapping[str, Any]) -> str:

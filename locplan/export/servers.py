@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from locplan._support.files import write_text
 from locplan.export.parameters import dump_parameters
 from locplan.export.registry import render_template
 from locplan.maps.files import save_map
@@ -40,9 +41,9 @@ def write_servers(folder: Path, servers: Sequence[LifecycleNode], manager_name: 
     )
     nodes = [*servers, manager]
     parameters = {node.name: {"ros__parameters": dict(node.parameters)} for node in nodes}
-    (folder / "servers.yaml").write_text(dump_parameters(parameters), "utf-8")
+    write_text(folder / "servers.yaml", dump_parameters(parameters))
     launch = folder / "localizability.launch.xml"
-    launch.write_text(render_template("servers.launch.xml", {"nodes": nodes}), "utf-8")
+    write_text(launch, render_template("servers.launch.xml", {"nodes": nodes}))
 
 
 def write_filter_map(folder: Path, grid: OccupancyGrid) -> None:
@@ -66,6 +67,6 @@ def write_filter_map(folder: Path, grid: OccupancyGrid) -> None:
     # The lifecycle manager of nav2_bringup manages only its own nodes.
     write_servers(folder, [server], "lifecycle_manager_map_amcl")
     amcl = {"amcl": {"ros__parameters": {"map_topic": topic}}}
-    (folder / "amcl.yaml").write_text(dump_parameters(amcl), "utf-8")
+    write_text(folder / "amcl.yaml", dump_parameters(amcl))
     readme = render_template("filter-map.md", {"map": grid.name, "topic": topic})
-    (folder / "README.md").write_text(readme, "utf-8")
+    write_text(folder / "README.md", readme)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.checks import check_number
+from locplan._support.files import write_text
 from locplan._support.kernels.arrays import Floats
 from locplan._support.reading import dump_yaml
 from locplan.errors import ConfigError
@@ -73,7 +74,7 @@ def write_map_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) 
         "occupied_thresh": 0.65,
         "free_thresh": 0.196,
     }
-    stem.with_suffix(".yaml").write_text(dump_yaml(yaml_fields, default_flow_style=None), "utf-8")
+    write_text(stem.with_suffix(".yaml"), dump_yaml(yaml_fields, default_flow_style=None))
 
 
 def compute_degeneracy_percent(costs: Costmap) -> NDArray[np.int8]:

@@ -24,7 +24,7 @@ from locplan._support.checks import (
     set_frozen_fields,
     short_repr,
 )
-from locplan._support.files import check_writable_file
+from locplan._support.files import check_writable_file, write_text
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.output import replace_file
 from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
@@ -245,7 +245,7 @@ def save_config(config: FieldConfig, path: str | os.PathLike[str]) -> None:
     check_writable_file(target, ".json")
     content = {"locplan": __version__, "config": config.to_json()}
     with replace_file(target) as temporary:
-        temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        write_text(temporary, json.dumps(content, indent=2) + "\n")
 
 
 def load_config(path: str | os.PathLike[str]) -> FieldConfig:

@@ -22,6 +22,7 @@ from locplan._support.checks import (
     make_printable,
     short_repr,
 )
+from locplan._support.files import write_text
 from locplan._support.kernels.arrays import Array, Bools, Ints, Octets, Singles
 from locplan._support.output import NEW, compute_file_digest, temporary_folder, write_move_journal
 from locplan._support.reading import (
@@ -765,7 +766,7 @@ def _replace_map_files(file: Path, text: str, image: Path, picture: Image.Image)
         new = staging / NEW
         new.mkdir()
         picture.save(new / image.name, "PNG" if image.suffix == ".png" else "PPM")
-        (new / file.name).write_text(text, encoding="utf-8")
+        write_text(new / file.name, text)
         write_move_journal(
             staging, {target.name: compute_file_digest(target) for target in (image, file)}
         )

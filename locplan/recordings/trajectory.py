@@ -535,7 +535,8 @@ class Trajectory(Result, StoredResult):
             np.sin(half),
             np.cos(half),
         )
-        np.savetxt(file, np.column_stack(rows), "%.9f" + 7 * " %.6f")
+        with file.open("w", encoding="utf-8", newline="\n") as target:
+            np.savetxt(target, np.column_stack(rows), "%.9f" + 7 * " %.6f")
 
     def figure(self) -> Figure:
         """Draw the trajectory on its map, coloured by standard deviation, and the deviation along

@@ -21,7 +21,7 @@ from locplan._support.checks import (
     set_frozen_fields,
     short_repr,
 )
-from locplan._support.files import check_writable_file
+from locplan._support.files import check_writable_file, write_text
 from locplan._support.output import replace_file
 from locplan._support.public import read_field_docs
 from locplan._support.reading import dump_yaml, make_file_stamp
@@ -170,7 +170,7 @@ class Robot(Settings):
         _ = self.amcl  # a file cannot hold the code of another filter
         content = {**make_file_stamp("robot", VERSION), "robot": self.summary()}
         with replace_file(target) as temporary:
-            temporary.write_text(dump_yaml(content, default_flow_style=None), encoding="utf-8")
+            write_text(temporary, dump_yaml(content, default_flow_style=None))
 
     def summary(self) -> dict[str, Any]:
         """Return all settings by the names of the fields, fit for JSON and YAML."""

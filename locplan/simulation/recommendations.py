@@ -26,7 +26,7 @@ from locplan._support.intervals import Interval, estimate_geometric_mean
 from locplan._support.output import ResultFiles
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Table, TableColumn
-from locplan._support.tables import make_file_name
+from locplan._support.tables import check_file_names_differ, make_file_name
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.config import equip_robot
 from locplan.field.fisher import Fused
@@ -267,20 +267,18 @@ class Recommendations:
         Raises
         ------
         LocplanError
-            If a file cannot be written, or two queries have the same name.
+            If a file cannot be written, or the names of two queries make the same file.
         """
         target = check_file_path("a folder of recommendations", folder)
         several = len({map_recommendation.map for map_recommendation in self}) > 1
-        homes: dict[str, MapRecommendation] = {}
-        for map_recommendation in self:
-            name = make_file_name(
-                f"{map_recommendation.map} {map_recommendation.query.name}"
-                if several
-                else map_recommendation.query.name
-            )
-            if name in homes:
-                raise ConfigError(f"two recommendations would be saved as {name}; rename one query")
-            homes[name] = map_recommendation
+        names = [
+            f"{map_recommendation.map} {map_recommendation.query.name}"
+            if several
+            else map_recommendation.query.name
+            for map_recommendation in self
+        ]
+        check_file_names_differ("queries", names)
+        homes = dict(zip(map(make_file_name, names), self, strict=True))
         with self.files.make_output(target, force=force).writing() as new:
             for name, map_recommendation in homes.items():
                 (new / name).mkdir()

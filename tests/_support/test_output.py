@@ -408,6 +408,17 @@ def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):
     assert (tmp_path / "lab.png").read_bytes() == before
 
 
+def test_input_is_protected_under_other_case(run, room, tmp_path):
+    """On macOS and Windows LAB.png is lab.png; here, a second link to it stands for that."""
+    save_map(load_map(room), tmp_path / "lab.yaml", image_format="png")
+    (tmp_path / "LAB.png").hardlink_to(tmp_path / "lab.png")
+    before = (tmp_path / "lab.png").read_bytes()
+    code, _, err = run("field", tmp_path / "lab.yaml", "-o", tmp_path / "LAB.png", "--force")
+    assert code == 2
+    assert "replaces lab.png, a map" in err
+    assert (tmp_path / "LAB.png").read_bytes() == before
+
+
 def test_no_export_takes_the_place_of_the_map_that_it_is_made_of(run, room, tmp_path):
     mask = tmp_path / "keepout"
     assert run("export", room, "--to", "nav2-keepout", "-o", mask)[0] == 0

@@ -14,7 +14,8 @@ from locplan._support import public
 from locplan._support.intervals import Interval
 from locplan._support.output import ResultFiles
 from locplan._support.records import Result, Table, TableColumn
-from locplan.errors import LocplanError
+from locplan._support.tables import check_file_names_differ, make_file_name
+from locplan.errors import ConfigError, LocplanError
 
 
 @dataclass(frozen=True)
@@ -195,3 +196,27 @@ def test_a_result_is_saved_as_a_whole(tmp_path):
     assert (tmp_path / "out" / "places.csv").read_text() != "mine"
     with pytest.raises(LocplanError, match="a folder of results must be a path"):
         Found().save(5)
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("a to b", "a-to-b"),
+        ("C:\\maps", "C--maps"),
+        ("con", "con-"),
+        ("LPT1.old", "LPT1-.old"),
+        ("console", "console"),
+        ("..", "-"),
+        ("dock.", "dock"),
+    ],
+)
+def test_file_name_suits_every_system(name, file):
+    """Windows has devices such as CON, and drops dots at the end."""
+    assert make_file_name(name) == file
+
+
+@pytest.mark.parametrize("other", ["dock a", "Dock-A", "DOCK/A"])
+def test_names_of_one_file_are_refused(other):
+    check_file_names_differ("routes", ["dock a", "dock b"])
+    with pytest.raises(ConfigError, match=r"^routes 'dock a' and .* would be saved as one file"):
+        check_file_names_differ("routes", ["dock a", "b", other])

@@ -1,6 +1,7 @@
 """The layout of the code: names of modules, public names, kernels, and imports that stay light."""
 
 import ast
+import functools
 import re
 import subprocess
 import sys
@@ -21,6 +22,7 @@ HEAVY = {"numba", "matplotlib", "ompl", "pandas", "scipy.optimize"}
 POSIX = {"fcntl", "resource", "pwd", "grp", "termios"}
 
 
+@functools.cache
 def parse(path: Path) -> ast.Module:
     return ast.parse(path.read_text("utf-8"))
 
@@ -74,6 +76,31 @@ def test_modules_of_posix_are_imported_inside_functions():
     for path in MODULES:
         imports = re.findall(r"^import (.+)$", path.read_text("utf-8"), re.MULTILINE)
         assert not set(re.findall(r"\w+", " ".join(imports))) & POSIX, path
+
+
+def find_calls(name: str) -> list[tuple[Path, ast.Call]]:
+    """Return the calls of functions and methods of this name in the package."""
+    nodes = ((path, node) for path in MODULES for node in ast.walk(parse(path)))
+    calls = [(path, node) for path, node in nodes if isinstance(node, ast.Call)]
+    return [(path, call) for path, call in calls if ast.unparse(call.func).endswith(f".{name}")]
+
+
+def list_keywords(call: ast.Call) -> set[str | None]:
+    return {keyword.arg for keyword in call.keywords}
+
+
+def test_texts_have_same_line_ends_everywhere():
+    """Windows writes two characters for each line end, unless `newline` says otherwise."""
+    writers = [*find_calls("write_text"), *find_calls("open")]
+    modes = ("'w'", "'a'", "'a+'", "'x'", "'wt'")
+    assert len(writers) > 3
+    for path, call in writers:
+        arguments = [ast.unparse(argument) for argument in call.args]
+        is_writer = call.func.attr == "write_text" or any(mode in arguments for mode in modes)
+        if is_writer and not ast.unparse(call.func).startswith("archive."):
+            assert list_keywords(call) >= {"newline"}, f"{path}:{call.lineno}"
+    for path, call in find_calls("savetxt"):  # for a path, it opens the file itself
+        assert ast.unparse(call.args[0]) in ("file", "target"), f"{path}:{call.lineno}"
 
 
 def test_command_line_starts_without_heavy_libraries():

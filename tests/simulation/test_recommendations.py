@@ -82,7 +82,7 @@ def test_saved_choices_are_read_back(made, tmp_path):
     with pytest.raises(LocplanError, match=r"choices\.csv: was not written by"):
         made.save(tmp_path / "mine")
     same = Recommendations((made[0], made[0]))
-    with pytest.raises(ConfigError, match="two recommendations would be saved as far"):
+    with pytest.raises(ConfigError, match="'far' and 'far' would be saved as one file"):
         same.save(tmp_path / "same")
 
 
