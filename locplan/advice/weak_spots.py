@@ -87,7 +87,7 @@ def trace_rings(mask: Bools) -> list[CellRing]:
     code, cell = np.concatenate(codes), np.concatenate(cells)
     if not code.size:
         return []
-    order = np.argsort(code)
+    order = np.argsort(code, kind="stable")
     code, cell = code[order], cell[order]
     direction = code % 4
     end = code // 4 + np.array([1, width, -1, -width])[direction]
@@ -240,7 +240,7 @@ def make_polygons(
     rings, corner_indices, owners = [], [], []
     for label, label_rings in of_label.items():
         areas = np.array([compute_signed_area(ring.corners) / QUARTERS**2 for ring in label_rings])
-        first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
+        first, *holes = np.argsort(-areas, kind="stable").tolist()  # the smallest holes come first
         total = np.cumsum(-areas[holes])
         # Holes that are filled have at most 2 % of the area.
         filled = (areas[holes] > -min_hole_cells) & (total <= 0.02 * areas[first])

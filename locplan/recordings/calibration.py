@@ -507,7 +507,7 @@ class _ScanSums:
     ) -> _ScanSums:
         """Sum up residuals (n, beams) of ranges, given the distances of walls."""
         deviation = np.abs(residual[is_near_wall])
-        order = np.argsort(deviation)
+        order = np.argsort(deviation, kind="stable")
         sigma = MAD * float(np.median(deviation))
         bound = max(4 * sigma, 3 * resolution)  # up to which a range agrees with the map's
         reach, nearest, farthest = lidar.range, NEAREST_OBJECT, FARTHEST_OBJECT
