@@ -15,7 +15,11 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Iterable, Sequence
+from importlib.metadata import PackageNotFoundError, metadata, requires
 from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import locplan
 from locplan._support.output import ResultFiles
@@ -87,6 +91,7 @@ def make_pages(benchmarks: Path | None = None) -> dict[str, str]:
         "settings": make_settings_page(),
         "planners": make_planners_page(),
         "lidars": make_lidars_page(),
+        "dependencies": make_dependencies_page(),
         "benchmarks": make_benchmarks_page(benchmarks),
     }
     pages |= {f"commands/{name}": make_command_page(name) for name in COMMANDS}
@@ -287,6 +292,49 @@ def make_lidars_page() -> str:
         "# Lidars\n\n`--lidar NAME` and `locplan.Robot(NAME)` take these names. The values come"
         f" from data sheets.\n\n{make_table(heads, rows)}"
     )
+
+
+def make_dependencies_page() -> str:
+    """Return the page of the libraries that locplan and its extras install, with their licences."""
+    rows = [(f"`{name}`", licence) for name, licence in sorted(list_licences().items())]
+    return (
+        "# Dependencies\n\nlocplan, its extras and their dependencies install these libraries. All"
+        " licences allow use in a project under Apache-2.0.\n\n"
+        f"{make_table(('library', 'licence'), rows)}"
+    )
+
+
+def list_licences() -> dict[str, str]:
+    """Return the licence of each installed library that locplan's users install, by its name."""
+    licences: dict[str, str] = {}
+    waiting = [
+        (requirement, marker_extra)
+        for text in requires("locplan") or ()
+        for requirement in [Requirement(text)]
+        for marker_extra in ("", *(metadata("locplan").get_all("Provides-Extra") or ()))
+        if marker_extra not in ("docs", "test")
+    ]
+    while waiting:
+        requirement, extra = waiting.pop()
+        name = canonicalize_name(requirement.name)
+        is_needed = requirement.marker is None or requirement.marker.evaluate({"extra": extra})
+        if name in ("locplan", *licences) or not is_needed:
+            continue
+        try:
+            licences[name] = read_licence(name)
+        except PackageNotFoundError:
+            continue  # an extra that is not installed
+        for text in requires(name) or ():
+            waiting += [(Requirement(text), word) for word in ("", *requirement.extras)]
+    return licences
+
+
+def read_licence(name: str) -> str:
+    """Return the licence that an installed library states."""
+    facts = metadata(name)
+    classifiers = facts.get_all("Classifier") or ()
+    names = [text.rpartition(" :: ")[2] for text in classifiers if text.startswith("License ::")]
+    return str(facts["License-Expression"] or ", ".join(names) or facts["License"])
 
 
 def make_benchmarks_page(file: Path | None) -> str:

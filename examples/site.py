@@ -31,10 +31,13 @@ from types import ModuleType
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-import reference
-from docutils import nodes
-from sphinx.application import Sphinx
-from sphinx.util.nodes import make_refnode
+try:
+    import reference
+    from docutils import nodes
+    from sphinx.application import Sphinx
+    from sphinx.util.nodes import make_refnode
+except ImportError as error:
+    sys.exit(f"the site needs {error.name}; run pip install 'locplan[docs]'")
 
 import locplan
 
@@ -69,6 +72,7 @@ INDEX = {
     "settings": ("Robot settings", "names, defaults and units for `--set`"),
     "planners": ("Planners", "names and options for `--planner`"),
     "lidars": ("Lidars", "names and data for `--lidar`"),
+    "dependencies": ("Dependencies", "libraries and their licences"),
     "benchmarks": ("Benchmarks", "speed, next to other programs"),
     "programs": ("Programs", "examples that write their results to a folder"),
     "ros_package": ("ROS 2 package", "nodes for masks, RViz and warnings"),
