@@ -10,6 +10,7 @@ import sys
 def main() -> None:
     """Run the command line; where there is fork, in a process that Ctrl-C ends within a second."""
     _open_closed_streams()
+    _search_python_path_last()
     try:
         from locplan._support.supervision import run_supervised
 
@@ -27,6 +28,19 @@ def _open_closed_streams() -> None:
             os.dup2(os.open(os.devnull, os.O_RDWR), number)  # the same number, if all is well
             os.set_inheritable(number, True)
             setattr(sys, name, os.fdopen(number, "w" if number else "r"))
+
+
+def _search_python_path_last() -> None:
+    """Prefer the installed packages to those in the folders of PYTHONPATH.
+
+    A sourced ROS sets PYTHONPATH. If a folder there has dependencies of locplan for another Python,
+    such as numpy, they would replace locplan's. The folder with locplan keeps its place, because it
+    may have the dependencies.
+    """
+    locplan_folder = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    folders = {os.path.abspath(path) for path in paths if path} - {locplan_folder}
+    sys.path.sort(key=lambda path: path in folders)  # keeps the order otherwise
 
 
 def finish_and_remove_temporary_folder(folder: str) -> None:

@@ -1,14 +1,18 @@
 """The command line starts, reads and ends without work that nobody needs."""
 
+import ast
 import gc
+import os
 import runpy
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from support.maps import ascii_map
 
+import locplan
 from locplan._support import progress
 from locplan.app import cli
 from locplan.app.cli.application import make_application, read_summary
@@ -46,6 +50,38 @@ def test_help_lists_commands_without_import():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == "[]", done.stderr
+
+
+def start_with_python_path(code, *folders):
+    path = os.pathsep.join(map(str, folders))
+    env = {**os.environ, "PYTHONPATH": path}
+    return subprocess.run([sys.executable, *code], env=env, capture_output=True, text=True)
+
+
+def test_packages_of_ros_do_not_replace_dependencies(tmp_path):
+    """A sourced ROS sets PYTHONPATH, which may have packages for another Python."""
+    for name in ("numpy", "PIL", "yaml"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise ImportError('for Python 3.10')")
+    root = Path(locplan.__file__).parents[1]
+    done = start_with_python_path(
+        ["-m", "locplan", "info", str(root / "maps" / "two_corridors.yaml")], tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert "two_corridors" in done.stdout
+
+
+def test_folder_of_locplan_keeps_its_place(tmp_path):
+    """It may have the dependencies; other folders of PYTHONPATH are searched last."""
+    root = Path(locplan.__file__).parents[1]
+    code = (
+        "import sys; from locplan.__main__ import main; sys.argv = ['locplan', '--version']\n"
+        "try:\n    main()\nfinally:\n    print(sys.path)"
+    )
+    done = start_with_python_path(["-c", code], tmp_path, root)
+    path = ast.literal_eval(done.stdout.splitlines()[-1])
+    assert path[-1] == str(tmp_path)
+    assert path.index(str(root)) <= 1
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
