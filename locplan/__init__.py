@@ -10,7 +10,10 @@
 'solved'
 """
 
+import logging
+
 from locplan._support.public import attach_lazy_names
 
 __version__ = "0.2.0.dev0"
+logging.getLogger("locplan").addHandler(logging.NullHandler())  # the application adds another
 __getattr__, __dir__, __all__ = attach_lazy_names(__name__, __file__)

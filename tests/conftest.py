@@ -65,6 +65,9 @@ def _own_cache(tmp_path_factory, monkeypatch):
 
 @pytest.fixture
 def run(monkeypatch, capsys):
+    """Function that runs a command; its log does not depend on the speed of the machine."""
+    monkeypatch.setattr("locplan._support.progress.DISPLAY_DELAY", 3600.0)
+
     def call(*arguments):
         monkeypatch.setattr(sys, "argv", ["locplan", *map(str, arguments)])
         try:

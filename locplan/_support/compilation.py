@@ -23,6 +23,7 @@ import numba
 from numba.core import config, event as events
 
 from locplan import __version__
+from locplan._support import progress
 from locplan._support.user_cache import can_write, find_kernel_root
 
 LOG = logging.getLogger(__name__)
@@ -31,8 +32,6 @@ PREFIX = "locplan-"
 _NAME = re.compile(re.escape(PREFIX) + "[0-9a-f]{16}")
 MAX_UNUSED_DAYS = 7
 """Time after which kernels of other versions are removed [days]."""
-NOTICE_SECONDS = 1.0
-"""Time of compilation after which it is logged [s]."""
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -114,7 +113,7 @@ class CompilationLog(events.Listener):  # type: ignore[misc]
     def _log_if_long(self, event: Any) -> None:
         seconds = self._seconds + time.monotonic() - self._began
         is_kernel = event.data["dispatcher"].py_func.__module__.startswith("locplan.")
-        if self._is_logged or not is_kernel or seconds < NOTICE_SECONDS:
+        if self._is_logged or not is_kernel or seconds < progress.DISPLAY_DELAY:
             return
         self._is_logged = True
         if find_kernel_folder():

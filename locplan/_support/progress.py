@@ -1,7 +1,8 @@
-"""A progress bar for work that takes more than a second."""
+"""Progress of work that takes more than a second: a bar on a terminal, otherwise a line."""
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import threading
@@ -14,8 +15,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
 
+LOG = logging.getLogger(__name__)
 COMPILING = "compiling (only once)"
 """Text while kernels are compiled for numba's cache."""
+DISPLAY_DELAY = 1.0
+"""Time after which work is displayed [s]."""
 ProgressCallback = Callable[[int, int], None]
 """Function that is called with (done, total) as work proceeds."""
 
@@ -33,10 +37,11 @@ def show_progress_bar(
     """Show a bar on standard error with the time left and, if it has a unit, the rate.
 
     It appears after one second and vanishes when the work ends. Before the first step it shows
-    `first`, or that kernels are being compiled. There is no bar if standard error is no terminal.
+    `first`, or that kernels are being compiled. If standard error is no terminal, the label is
+    logged instead.
     """
     bar = _ProgressBar(label, unit, first)
-    with _show_after_delay(bar.show):
+    with _show_after_delay(label, bar.show):
         yield bar.update
 
 
@@ -59,28 +64,33 @@ def show_spinner(label: str) -> Iterator[None]:
     """Show a label and the elapsed time on standard error during the work.
 
     It appears after one second and vanishes when the work ends. It must not be
-    shown while a `show_progress_bar` is. Nothing is shown if standard error is no terminal.
+    shown while a `show_progress_bar` is. If standard error is no terminal, the label is logged
+    instead.
     """
 
-    def show() -> Progress | None:
+    def show() -> Progress:
         from rich.progress import SpinnerColumn, TimeElapsedColumn
 
         columns = SpinnerColumn(), "{task.description}", TimeElapsedColumn()
         return _start_display(label, *columns, total=None)
 
-    with _show_after_delay(show):
+    with _show_after_delay(label, show):
         yield
 
 
 @contextmanager
-def _show_after_delay(show: Callable[[], Progress | None]) -> Iterator[None]:
-    """Show a display once the work has taken a second, until it ends."""
-    # Asked here, and as rich does: its import takes a quarter of a second.
-    if not (sys.stderr.isatty() or os.environ.get("FORCE_COLOR")):
-        yield
-        return
-    displays: list[Progress | None] = []
-    timer = threading.Timer(1.0, lambda: displays.append(show()))
+def _show_after_delay(label: str, show: Callable[[], Progress]) -> Iterator[None]:
+    """Show a display once the work has taken a second, until it ends; log it without a terminal."""
+    displays: list[Progress] = []
+
+    def begin() -> None:
+        if is_terminal():
+            displays.append(show())
+        else:
+            LOG.info(label)
+
+    began = time.monotonic()
+    timer = threading.Timer(DISPLAY_DELAY, begin)
     timer.daemon = True
     timer.start()
     try:
@@ -88,18 +98,27 @@ def _show_after_delay(show: Callable[[], Progress | None]) -> Iterator[None]:
     finally:
         timer.cancel()
         timer.join()
-        for display in filter(None, displays):
+        for display in displays:
             display.stop()
+        LOG.debug("%s: %.1f s", label, time.monotonic() - began)
 
 
-def _start_display(label: str, *columns: ProgressColumn | str, **task: Any) -> Progress | None:
-    """Start a display of rich on standard error; None without a terminal."""
+def is_terminal() -> bool:
+    """True if standard error is a terminal that can move its cursor.
+
+    FORCE_COLOR does not count: continuous integration sets it, and keeps the output in a file.
+    """
+    if os.environ.get("TERM") in ("dumb", "unknown"):
+        return False
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+def _start_display(label: str, *columns: ProgressColumn | str, **task: Any) -> Progress:
+    """Start a display of rich on standard error."""
     from rich.console import Console
     from rich.progress import Progress
 
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        return None
+    console = Console(stderr=True, force_terminal=True)
     display = Progress(*columns, console=console, transient=True)
     display.add_task(label, **task)
     display.start()
@@ -119,7 +138,7 @@ class _ProgressBar:
         self._n_done, self._total, self._rate = 0, 0, ""
         self._bar: Progress | None = None
 
-    def show(self) -> Progress | None:
+    def show(self) -> Progress:
         """Show the bar from now on."""
         from rich import progress
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from locplan._support.checks import check_choice, check_integer, check_threads
@@ -33,6 +34,7 @@ from locplan.robots.amcl import Amcl
 from locplan.robots.robot import Robot
 from locplan.simulation.worlds import check_filter_map
 
+LOG = logging.getLogger(__name__)
 STAGE_SHARES = {"field": 200, "baseline": 150, "fixes": 450, "together": 200}
 """Share of the total work of each stage, in thousandths."""
 
@@ -47,7 +49,6 @@ def check(
     effort: str = "usual",
     seed: int = 1,
     threads: int | None = None,
-    on_finding: Callable[[str], None] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Check:
     """Find a robot's failures on a map, and the fixes that help, by simulated drives.
@@ -57,7 +58,8 @@ def check(
     routes, in the same worlds: the corrected map file, the repaired map, AMCL presets, the lidar's
     full range, recommended paths or a mask, and landmarks if the robot still gets lost. It combines
     fixes until neither lost drives nor the error fall further. Fresh drives alone decide about the
-    combination. If robots fail even with perfect localization, the result names the passage.
+    combination. If robots fail even with perfect localization, the result names the passage. The
+    log has each finding as soon as it is known, at level INFO.
 
     AMCL settings are the presets of `locplan.robots.presets`. Without a recording, a preset is
     recommended only if it does no significant harm at any level of disturbance, see
@@ -89,8 +91,6 @@ def check(
         Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
     threads : int, optional
         Number of threads, at least 1; all cores by default.
-    on_finding : callable, optional
-        Called with a sentence for each finding, as soon as it is known.
     progress : callable, optional
         Called with (done, total) in thousandths of the work.
 
@@ -125,7 +125,7 @@ def check(
     check_grid(grid)
     checked_filter_map = check_filter_map(filter_map, grid)
     assumed = robot is None or robot.lidar is None
-    robot, report_finding = equip_robot(robot), on_finding or (lambda _: None)
+    robot = equip_robot(robot)
     stages = split_progress(progress, [*STAGE_SHARES.values()])
     steps = {
         name: scale_progress(part, size)
@@ -133,35 +133,35 @@ def check(
     }
     map_faults = faults(grid, source)
     map_faults.check_is_no_mask()
-    report_finding(text.format_fault_finding(map_faults))
     correction, paths = _read_map_and_plan_routes(
         grid, source, robot, stations, EFFORTS[effort].max_routes, seed
     )
+    LOG.info(text.format_fault_finding(map_faults))
     drives = analyze_recordings(
         recordings, correction, map_faults, robot, filter_map, seed, threads
     )
     for sentence in drives.sentences:
-        report_finding(sentence)
+        LOG.info(sentence)
     for fault in drives.faults:
         if fault not in map_faults:
-            report_finding(f"map: {fault.sentence}")
+            LOG.info(f"map: {fault.sentence}")
     if filter_map is not None:  # the filter does not read the map's file
         correction = replace(correction, reasons=(), is_certain=False)
     if drives.stretch != 1:
         correction = correction.with_scale(drives.stretch)
     scenario = Scenario(correction.grid, checked_filter_map, drives.robot, paths, drives.stretch)
     field, costs, spots = _compute_field_and_spots(scenario, threads, steps["field"])
-    report_finding(text.format_spots(spots))
+    LOG.info(text.format_spots(spots))
     trials = FixTrials(scenario, EFFORTS[effort], drives, seed, threads)
     baseline = trials.drive_baseline(spots, steps["baseline"])
-    report_finding(text.format_baseline(baseline.rates))
+    LOG.info(text.format_baseline(baseline.rates))
     results = []
     for result in trials.try_fixes(
         correction, drives.faults.repaired_map, costs, field, steps["fixes"]
     ):
         results.append(result)
         if is_better(result):
-            report_finding(text.format_fix(result, baseline.rates))
+            LOG.info(text.format_fix(result, baseline.rates))
     before, after, confirmed = trials.combine_fixes(results, steps["together"])
     return Check(
         grid=grid,

@@ -106,7 +106,7 @@ def run_jobs(
     for spec in specs:
         count = sum(task.planner == spec.label for task in runs)
         if spec.is_user_planner and count:
-            LOG.warning("planner %s: %d runs cached, version %s", spec.label, count, spec.version)
+            LOG.info("planner %s: %d runs cached, version %s", spec.label, count, spec.version)
     if progress:
         progress(len(runs), len(jobs))
     for run in perform_jobs(

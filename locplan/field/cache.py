@@ -7,11 +7,11 @@ not touched.
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import shutil
 import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from filelock import BaseFileLock
 
 T = TypeVar("T")
+LOG = logging.getLogger(__name__)
 
 _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
@@ -43,7 +44,7 @@ _PATIENCE = 0.3
 
 
 class CacheWarning(UserWarning):
-    """Warning that the cache cannot be used as intended; the result is correct anyway."""
+    """Warning that a field is not cached, since its estimator cannot be told from others."""
 
 
 def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
@@ -91,8 +92,8 @@ def load_or_compute_result(
 ) -> T:
     """Load a result from the cache, or compute it and save it there.
 
-    One process computes it, while all further processes wait and then load it. Warns if the
-    cache cannot be written, and if a file is damaged; its result is computed again.
+    One process computes it, while all further processes wait and then load it. The log has a
+    warning if the cache cannot be written, and if a file is damaged; its result is computed again.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ def load_or_compute_result(
                 try:
                     result = load(path)  # another process may have computed it meanwhile
                 except LocplanError as error:
-                    _warn(f"{error}; computed again")
+                    LOG.warning("%s; computed again", error)
             if result is None:
                 result = compute(parts if writable else None)
                 if writable and _is_saved(path, result, save):
@@ -135,11 +136,11 @@ def load_or_compute_result(
 
 
 def _is_saved(path: Path, result: T, save: Callable[[Path, T], None]) -> bool:
-    """True if the result could be written; otherwise warn."""
+    """True if the result could be written; otherwise log the reason."""
     try:
         save(path, result)
     except LocplanError as error:
-        _warn(f"the result is not cached: {error}")
+        LOG.warning("the result is not cached: %s", error)
         return False
     return True
 
@@ -160,16 +161,12 @@ def _hold_lock(path: Path, on_waiting: Callable[[], None]) -> Iterator[bool]:
     except (OSError, NotImplementedError) as error:  # the latter where a file system has no locks
         lock = None
         reason = getattr(error, "strerror", None) or error
-        _warn(f"the result is not cached: {path.parent} cannot be written ({reason})")
+        LOG.warning("the result is not cached: %s cannot be written (%s)", path.parent, reason)
     try:
         yield lock is not None
     finally:
         if lock:
             lock.release()
-
-
-def _warn(message: str) -> None:
-    warnings.warn(CacheWarning(message), stacklevel=5)
 
 
 def make_lock(path: Path) -> BaseFileLock:

@@ -143,8 +143,7 @@ def load_or_compute(
     Warns
     -----
     CacheWarning
-        If the cache cannot be written, the field's file is damaged (it is computed again), or the
-        caller's estimator declares no version.
+        If the caller's estimator declares no version.
     """
     check_grid(grid)
     config = config_from_settings(config)
@@ -236,7 +235,7 @@ class _CachedField:
         ):
             return None
         if versions := self.metadata["identity"]["versions"]:
-            LOG.warning("field of %s: cached, version %s", self.grid.name, ", ".join(versions))
+            LOG.info("field of %s: cached, version %s", self.grid.name, ", ".join(versions))
         return values
 
     def save(self, path: Path, values: Values) -> None:

@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+import logging
 import math
 import re
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -26,17 +28,31 @@ UNTUNED = locplan.Robot(LIDAR).with_settings(FEW_PARTICLES)
 AISLES = [((14.05, 15.05), (16.35, 2.95)), ((1.1, 18.9), (13.3, 18.9))]
 
 
+@contextmanager
+def listen():
+    """Yield a list that gets the findings of checks as they are logged."""
+    findings = []
+    handler = logging.Handler()
+    handler.emit = lambda record: findings.append(record.getMessage())
+    logger = logging.getLogger("locplan.advice")
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    yield findings
+    logger.setLevel(logging.NOTSET)
+    logger.removeHandler(handler)
+
+
 class Watched:
     """A check whose findings and progress are kept as they come."""
 
     def __init__(self):
-        self.findings, self.steps = [], []
-        self.report = check(
-            *(furnished_room(), ROBOT.with_settings(UPDATES), CORNERS),
-            effort="quick",
-            on_finding=self.findings.append,
-            progress=lambda *step: self.steps.append((len(self.findings), *step)),
-        )
+        self.steps = []
+        with listen() as self.findings:
+            self.report = check(
+                *(furnished_room(), ROBOT.with_settings(UPDATES), CORNERS),
+                effort="quick",
+                progress=lambda *step: self.steps.append((len(self.findings), *step)),
+            )
 
 
 @pytest.fixture(scope="module")
@@ -473,15 +489,16 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
     cells = office.cells.copy()
     cells[140:148, 540:640] = OCCUPIED  # in the corridor
     grid, robot = dataclasses.replace(office, cells=cells), drive.robot(ROBOT)
-    stations, told = [((7.0, 7.0), (20.5, 15.0))], []
-    found = check(grid, robot, stations, [drive], effort="quick", on_finding=told.append)
+    stations = [((7.0, 7.0), (20.5, 15.0))]
+    with listen() as findings:
+        found = check(grid, robot, stations, [drive], effort="quick")
     assert found.recording_sentences[0].startswith("drive 1: The map fits")
     assert "too few scans" in found.recording_sentences[2]  # of a log of one scan in half a metre
     assert found.recording_sentences[0] in found.report()
     (false,) = [each for each in found.faults if each.kind == "false walls"]
     assert false.boxes[0] == pytest.approx((26.4, 31.4, 6.4, 6.8), abs=0.15)
     assert "check these places, and map them again" in false.sentence
-    assert f"map: {false.sentence}" in told
+    assert f"map: {false.sentence}" in findings
     monkeypatch.setenv("COLUMNS", "80")
     text = found.report()
     assert len(text.splitlines()) <= 25

@@ -1,6 +1,5 @@
 import csv
 import json
-import logging
 import math
 import re
 import subprocess
@@ -840,16 +839,6 @@ def test_install_completion_writes_script(run, tmp_path, monkeypatch, shell):
     for word in (*COMMANDS, "robot", "nav2-planner", "smac-hybrid"):
         assert word in script
     assert "csh" in check_refusal(run("--install-completion", "--shell", "csh"))
-
-
-def test_the_log_is_shown_when_asked_for(run, room):
-    log = logging.getLogger("locplan")
-    before = log.level, list(log.handlers)
-    for words in (("-v", "field", room), ("field", room, "--verbose")):
-        _, _, err = run(*words)
-        assert err.startswith("locplan.app.cli: field of room: ")
-    assert (log.level, log.handlers) == before
-    assert run("field", room)[2] == ""
 
 
 @pytest.mark.parametrize("start", [("--start", "-2,3"), ("--start=-2,3",)])

@@ -288,7 +288,9 @@ from locplan.__main__ import main
 main()
 """
     word = "interrupted" if number == signal.SIGINT else "terminated"
-    assert ended(begun(tmp_path, code), number) == (128 + number, f"locplan: {word}\n")
+    exit_code, err = ended(begun(tmp_path, code), number)
+    assert (exit_code, err.splitlines()[-1]) == (128 + number, f"locplan: {word}")
+    assert err.count("\n") <= 2  # after a second, the step that it was in
     left = {each.name for each in tmp_path.iterdir()} - {*before, "temporary", "cache"}
     assert left <= ({"out"} if name == "compare" else set())  # its journal
     assert not list((tmp_path / "temporary").iterdir())

@@ -256,6 +256,7 @@ def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
 
 @pytest.mark.usefixtures("inline_workers")
 def test_what_is_done_is_not_done_again(tmp_path, monkeypatch, caplog):
+    caplog.set_level("INFO")
     for function in (counting, fail):
         monkeypatch.setattr(function, "version", 2, raising=False)
     calls, file = tmp_path / "calls", tmp_path / "runs.jsonl"

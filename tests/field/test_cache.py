@@ -179,11 +179,11 @@ def test_result_is_computed_once(tmp_path):
     assert number_in(tmp_path, None) == 7
 
 
-def test_damaged_result_is_computed_again(tmp_path):
+def test_damaged_result_is_computed_again(tmp_path, caplog):
     number_in(tmp_path, lambda parts: 7)
     (tmp_path / f"{KEY}.npz").write_text("seven")
-    with pytest.warns(cache.CacheWarning, match="is damaged; computed again"):
-        assert number_in(tmp_path, lambda parts: 8) == 8
+    assert number_in(tmp_path, lambda parts: 8) == 8
+    assert "is damaged; computed again" in caplog.text
     assert number_in(tmp_path, None) == 8
 
 
@@ -200,7 +200,7 @@ def test_parts_of_result_stay_until_it_is_saved(tmp_path):
     assert [entry.path.name for entry in list_cache_entries(tmp_path)] == [f"{KEY}.npz"]
 
 
-def test_result_without_parts_if_cache_is_a_file(tmp_path):
+def test_result_without_parts_if_cache_is_a_file(tmp_path, caplog):
     (tmp_path / "file").write_text("")
-    with pytest.warns(cache.CacheWarning, match="cannot be written"):
-        assert number_in(tmp_path / "file", lambda parts: 7 if parts is None else 8) == 7
+    assert number_in(tmp_path / "file", lambda parts: 7 if parts is None else 8) == 7
+    assert "cannot be written" in caplog.text

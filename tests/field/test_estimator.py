@@ -301,6 +301,7 @@ def test_settings_that_are_not_fit_for_json_are_computed_and_not_cached(grid, tm
 
 
 def test_estimator_with_version_is_cached_and_read_aloud(grid, tmp_path, caplog):
+    caplog.set_level("INFO")
     first = type("Mine", (Own,), {"version": 3})()
     field = locplan.load_or_compute(grid, first, cache_dir=tmp_path)
     assert not caplog.messages

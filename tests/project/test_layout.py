@@ -64,6 +64,14 @@ def test_kernels_use_the_compiler_of_this_package():
         assert not re.search(r"from numba import .*n?jit", path.read_text()), path
 
 
+def test_only_command_line_prints():
+    """The library logs instead, and its callers decide what is shown."""
+    command_line = {PACKAGE / "__main__.py", *(PACKAGE / "app" / "cli").glob("*.py")}
+    for path in set(MODULES) - command_line:
+        calls = [node.func for node in ast.walk(parse(path)) if isinstance(node, ast.Call)]
+        assert "print" not in [func.id for func in calls if isinstance(func, ast.Name)], path
+
+
 def test_package_imports_load_no_heavy_library():
     packages = ("maps", "robots", "field", "planning", "simulation")
     imports = ", ".join(f"locplan.{package}" for package in packages)

@@ -71,7 +71,7 @@ def hall(tmp_path):
 
 
 ENDS = "--start", "0.75,0.75", "--goal", "7.5,0.75"
-SAID = "robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0.1\n"
+SAID = "locplan: robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0.1\n"
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_plan_keeps_the_outline_of_the_robot(run, hall):
     asked = "plan", hall / "m.yaml", *ENDS, "--robot", hall / "nav2.yaml", "--json"
     code, out, err = run(*asked)
     assert code == 0, err
-    assert err == "robot: no lidar named; 4 corners, margin 0.01 m; Nav2's defaults\n"
+    assert err == "locplan: robot: no lidar named; 4 corners, margin 0.01 m; Nav2's defaults\n"
     about = json.loads(out)
     assert len(about["robot"]["footprint"]) == 4
     outline = Footprint(about["robot"]["footprint"])
@@ -146,12 +146,12 @@ def test_later_files_and_options_win(run, hall):
     own = hall / "own.yaml"
     Robot("turtlebot3", footprint=0.1, margin=0.0).save(own)
     nav2 = hall / "nav2.yaml"
-    first = "robot: turtlebot3, 8 m, 360°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0.1"
+    first = "locplan: robot: turtlebot3, 8 m, 360°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0.1"
     assert read("--robot", own, "--robot", nav2) == first
-    last = "robot: turtlebot3, 8 m, 360°; radius 0.1 m; Nav2's defaults"
+    last = "locplan: robot: turtlebot3, 8 m, 360°; radius 0.1 m; Nav2's defaults"
     assert read("--robot", nav2, "--robot", own) == last
     options = "--lidar", "turtlebot4", "--set", "range=2", "--set", "outliers=0.5"
-    changed = "robot: turtlebot4, 2 m, 360°; radius 0.1 m; Nav2's defaults, outliers 0.5"
+    changed = "locplan: robot: turtlebot4, 2 m, 360°; radius 0.1 m; Nav2's defaults, outliers 0.5"
     assert read("--robot", own, *options) == changed
 
 

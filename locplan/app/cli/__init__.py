@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import shutil
 import sys
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from io import TextIOWrapper
-from typing import Any
 
 from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedCliTokensError
 
@@ -20,8 +16,9 @@ from locplan._support.files import protect_inputs
 from locplan._support.supervision import INTERRUPTED, end_if_supervised
 from locplan._support.user_cache import choose_user_cache
 from locplan.app.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, run_tokens
+from locplan.app.cli.log import print_line
 from locplan.app.cli.wording import translate_options
-from locplan.errors import LocplanError, format_one_line
+from locplan.errors import LocplanError
 
 __all__ = ["COMMANDS", "main"]
 MIN_COLUMNS = 20
@@ -32,16 +29,18 @@ def main() -> None:
     """Run the command line; a user's error ends in one line on stderr and exit code 2."""
     _fix_environment()
     try:
-        with _print_warnings_as_lines(), protect_inputs():
+        with protect_inputs():
             _check_no_empty_argument(sys.argv[1:])
             code, _ = run_tokens(sys.argv[1:])
         _flush_output()
     except (LocplanError, CycloptsError, MemoryError) as error:
         notes = getattr(error, "__notes__", ())  # such as lines to save in a file
-        code = _print_message(f"error: {_format_error(error)}", WRONG_INPUT, *notes)
+        print_line(f"error: {_format_error(error)}", *notes)
+        code = WRONG_INPUT
     except KeyboardInterrupt:
         end_if_supervised()
-        code = _print_message("interrupted", INTERRUPTED)
+        print_line("interrupted")
+        code = INTERRUPTED
     except OSError as error:
         code = _report_os_error(error)
     sys.exit(code or 0)
@@ -53,10 +52,10 @@ def _report_os_error(error: OSError) -> int:
         sys.stdout = sys.stderr = None
         return SYSTEM_ERROR
     subject = "the output" if error.filename is None else os.fsdecode(error.filename)
-    code = _print_message(f"error: {subject}: {error.strerror or error}", SYSTEM_ERROR)
+    print_line(f"error: {subject}: {error.strerror or error}")
     sys.stdout = None
-    end_if_supervised(code)  # background threads must not outlive the output
-    return code
+    end_if_supervised(SYSTEM_ERROR)  # background threads must not outlive the output
+    return SYSTEM_ERROR
 
 
 def _flush_output() -> None:
@@ -89,22 +88,6 @@ def _check_no_empty_argument(tokens: list[str]) -> None:
             is_option = before.startswith("-")
             subject, kind = (before, "option") if is_option else ("an argument", "argument")
             raise LocplanError(f"{subject} is empty; add a value or remove the {kind}")
-
-
-@contextmanager
-def _print_warnings_as_lines() -> Iterator[None]:
-    """Print each warning of locplan as one line on stderr; log those of other libraries."""
-
-    def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
-        if category.__module__.startswith("locplan."):
-            _print_message(f"warning: {translate_options(str(message))}", 0)
-        else:  # users can do nothing about warnings of other libraries
-            logging.getLogger("locplan.app.cli").debug("%s: %s", category.__name__, message)
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("default")
-        warnings.showwarning = show
-        yield
 
 
 def _format_error(error: Exception) -> str:
@@ -151,12 +134,3 @@ def _describe_unexpected_arguments(tokens: Sequence[str]) -> str:
 def _shorten_word(word: str) -> str:
     """Return a word, shortened in the middle if it is very long."""
     return word if len(word) <= 80 else f"{word[:70]}...{word[-7:]}"
-
-
-def _print_message(line: str, code: int, *notes: str) -> int:
-    """Print a line and notes on stderr, and return the exit code."""
-    try:
-        print(f"locplan: {format_one_line(line)}", *notes, sep="\n", file=sys.stderr, flush=True)
-    except OSError:  # the disk is full: only the exit code reports the error
-        sys.stderr = None
-    return code

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import ast
 import inspect
-import logging
 import pkgutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
@@ -20,6 +18,7 @@ from cyclopts.help import DefaultFormatter
 from locplan import __version__
 from locplan._support.runs import RunRecord, Setting, record_run
 from locplan._support.supervision import INTERRUPTED, TERMINATED
+from locplan.app.cli.log import show_log
 
 if TYPE_CHECKING:
     from cyclopts.argument import Argument, ArgumentCollection
@@ -182,9 +181,9 @@ def run_tokens(tokens: list[str]) -> tuple[int | None, RunRecord]:
         Parameters
         ----------
         verbose
-            Show the log on stderr.
+            Show details of the log on stderr.
         """
-        with _log_on_stderr(verbose):
+        with show_log(is_verbose=verbose):
             command = app(tokens)  # a callable with its options, or the exit code
             return cast("int | None", command() if callable(command) else command)
 
@@ -226,24 +225,6 @@ def _setting_from_argument(argument: Argument) -> Setting:
     if argument.hint is bool and texts == [""]:
         return True
     return texts if len(texts) > 1 else texts[0]
-
-
-@contextmanager
-def _log_on_stderr(is_verbose: bool) -> Iterator[None]:
-    """Show the log on stderr if the command is verbose."""
-    log, libraries = logging.getLogger("locplan"), logging.getLogger()
-    # Without a handler, Python prints the warnings of other libraries.
-    handler = logging.StreamHandler() if is_verbose else logging.NullHandler()
-    handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
-    before = log.level
-    libraries.addHandler(handler)
-    if is_verbose:
-        log.setLevel(logging.DEBUG)
-    try:
-        yield
-    finally:
-        libraries.removeHandler(handler)
-        log.setLevel(before)
 
 
 class FilledFormatter(DefaultFormatter):

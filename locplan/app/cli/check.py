@@ -82,7 +82,7 @@ def check(
         robot.check_recorded()
     recordings = [load_recording(file, grid, map_file) for file in recording]
     simulated = robot.load_recorded(recordings[0]) if recordings else robot.load()
-    with show_progress_bar("checking", "") as progress:
+    with show_progress_bar(f"checking {grid.name}", "") as progress:
         result = locplan.check(
             map_file,
             simulated,
@@ -92,16 +92,9 @@ def check(
             effort=effort,
             seed=seed,
             threads=threads,
-            on_finding=_print_finding,
             progress=progress,
         )
     output.finish(result, output.output, robot.list_nav2_files())
     for limit in fail_if:
         print(format_one_line(limit.format_result(result)), file=sys.stderr)
     return LIMIT_EXCEEDED if any(limit.fails(result) for limit in fail_if) else 0
-
-
-def _print_finding(finding: str) -> None:
-    """Print a finding while the check runs, if stderr is a terminal."""
-    if sys.stderr.isatty():
-        print(format_one_line(finding), file=sys.stderr, flush=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 import locplan
-from locplan._support.progress import show_progress_bar
+from locplan._support.progress import show_progress_bar_from_first_step
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     Count,
@@ -132,7 +132,7 @@ def compare(
         [config] if ranges is None else [with_range(config, lidar_range) for lidar_range in ranges]
     )
     output.check(Comparison.files)
-    with show_progress_bar("comparing", "runs") as progress:
+    with show_progress_bar_from_first_step("comparing planners", "runs") as progress:
         execution = Execution(
             workers=workers,
             time_limit=time_limit,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,6 +29,7 @@ from locplan.app.cli.groups import (
     Weight,
     load_zones,
 )
+from locplan.app.cli.log import print_line
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def explore(
         browse = "open the address above in a browser on this machine. Stop with Ctrl-C"
     with page:
         print(page.address, flush=True)
-        print(f"locplan: {browse}", file=sys.stderr, flush=True)
+        print_line(browse)
         if not no_browser:
             page.open()
         page.wait()

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json as json_files
-import logging
 import math
 import sys
-import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -26,6 +24,7 @@ from locplan._support.runs import pop_written_lines, record_robot
 from locplan.app.cli import arguments
 from locplan.app.cli.application import COMPUTATION, OUTPUT, ROBOT
 from locplan.app.cli.arguments import INPUT, INTEGER, Switch, make_validator
+from locplan.app.cli.log import LOG
 from locplan.app.cli.wording import translate_options
 from locplan.errors import ConfigError, LocplanError, RecordingError, format_one_line
 
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
     from locplan.robots.lidar import Lidar
     from locplan.robots.robot import Robot
 
-LOG = logging.getLogger("locplan.app.cli")
 PAPER = "sad-paper"
 """Name of the field settings for Eq. 8-10 as printed."""
 
@@ -75,7 +73,7 @@ class RobotOptions:
     """Setting, such as range=8. See `locplan info --settings`."""
 
     def load(self, lidar: Lidar | None = None, *, is_recorded: bool = False) -> Robot:
-        """Return the robot, and print the title of a robot from files on stderr.
+        """Return the robot, and log the title of a robot from files.
 
         Parameters
         ----------
@@ -106,7 +104,7 @@ class RobotOptions:
             )
         record_robot(robot.title, robot.digest)
         if self.robot:
-            print(format_one_line(f"robot: {robot.title}"), file=sys.stderr)
+            LOG.info("robot: %s", robot.title)
         return robot
 
     def load_recorded(self, recording: Recording, *, is_replayed: bool = True) -> Robot:
@@ -313,7 +311,7 @@ def load_recording(file: Path, grid: OccupancyGrid, map_file: Path) -> Recording
     recording = read_recording(file)
     with show_spinner("comparing the scans with the map"):
         check_recording_on_map(recording, grid)
-    with show_progress_bar("smoothing", "") as progress:
+    with show_progress_bar("smoothing the trajectory", "") as progress:
         recording = with_ground_truth(recording, grid, progress=progress)
     with show_spinner("comparing the scans with the map"):
         fit = fit_to_map(recording, grid)
@@ -424,6 +422,7 @@ class FieldOptions:
         points : (h, w) array of bool, optional
             Lattice points to compute. With --stride, all are computed.
         """
+        LOG.debug("field: %s", config)
         if self.field is not None and Path(self.field).suffix.lower() == ".npz":
             field = locplan.CovarianceField.load(self.field)
             if field.grid.digest != grid.digest:
@@ -433,17 +432,14 @@ class FieldOptions:
                     f" {grid.name or 'this map'}"
                 )
             return field
-        started = time.perf_counter()
-        with show_progress_bar(f"field of {grid.name}", "cells") as progress:
-            field = locplan.load_or_compute(
+        with show_progress_bar(f"computing the field of {grid.name}", "cells") as progress:
+            return locplan.load_or_compute(
                 grid,
                 config,
                 points=points if self.stride is None else None,
                 threads=threads,
                 progress=progress,
             )
-        LOG.info("field of %s: %.1f s, %s", grid.name, time.perf_counter() - started, config)
-        return field
 
 
 def config_by_name(name: str, lidar: Lidar | None) -> FieldConfig:

@@ -76,7 +76,7 @@ def info(
     if described_robot.lidar:
         compared = [described_robot.lidar, *compared]
     if compared:
-        with show_progress_bar("lidars", "cells") as progress:
+        with show_progress_bar("comparing lidars", "cells") as progress:
             shares = compare_lidars(
                 described.grid, [*dict.fromkeys(compared)], robot=described_robot, progress=progress
             )
@@ -162,7 +162,7 @@ def _describe_ambiguous_places(
     from locplan.recordings.ambiguous_places import find_ambiguous_places
 
     try:
-        with show_progress_bar("ambiguous places", "poses") as progress:
+        with show_progress_bar("finding ambiguous places", "poses") as progress:
             places = find_ambiguous_places(grid, robot, progress=progress)
     except ConfigError as error:  # the robot fits nowhere, or there is no wall
         return f"ambiguous places: unknown ({error})", None

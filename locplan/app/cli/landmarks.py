@@ -109,7 +109,7 @@ def landmarks(
         )
     verification = None
     if drives:
-        with show_progress_bar("verifying", "drives") as progress:
+        with show_progress_bar("verifying the landmarks", "drives") as progress:
             verification = verify_landmarks(
                 result, drives, seed=seed, threads=threads, progress=progress
             )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -39,6 +38,7 @@ from locplan.app.cli.groups import (
     load_zones,
     print_zones,
 )
+from locplan.app.cli.log import LOG
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -159,9 +159,8 @@ def plan(
         robot.warn_of_filter_settings(simulated)
     if simulated.outline and budget is not None:
         radius = simulated.outline.inscribed_radius
-        print(
-            f"--budget plans for a circular robot of radius {radius:.3g} m, inside the footprint",
-            file=sys.stderr,
+        LOG.info(
+            "--budget plans for a circular robot of radius %.3g m inside the footprint", radius
         )
     candidates: dict[str, locplan.Path | Planner] = {**read_paths(path)}
     for name, candidate in _parse_planners(planner, seed, via, max_e, budget).items():

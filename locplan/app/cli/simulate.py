@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +31,7 @@ from locplan.app.cli.groups import (
     load_filter_map,
     load_recording,
 )
+from locplan.app.cli.log import LOG
 from locplan.errors import ConfigError
 
 
@@ -212,7 +212,7 @@ def simulate(
         )
     if is_assumed:
         title = simulated.known_lidar.title
-        print(f"robot: assumed lidar {title}; name yours with --lidar", file=sys.stderr)
+        LOG.info("robot: assumed lidar %s; name yours with --lidar", title)
     output.finish(result)
 
 

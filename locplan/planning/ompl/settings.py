@@ -34,7 +34,6 @@ except ModuleNotFoundError:
 
 
 LOG = logging.getLogger("locplan.ompl")
-LOG.addHandler(logging.NullHandler())  # who wants to read it adds another
 _LINE = re.compile(r"(Debug|Info|Warning|Error):\s*(.*)")
 _HARMLESS = "Random number generation already started"
 """OMPL warns so at every seed but the first, although what is built afterwards obeys it."""
