@@ -35,7 +35,7 @@ ONLY_OF_CHECKOUT = ("docs", "test")
 
 
 def run(*words: str, code: int = 0) -> str:
-    """Return the output and the errors of a command that ends with this exit code."""
+    """Return stdout and stderr of a command that must end with this exit code."""
     done = subprocess.run(
         [*LOCPLAN, *words], capture_output=True, text=True, encoding="utf-8", timeout=1800
     )
@@ -68,7 +68,7 @@ def check_commands() -> None:
 
 
 def check_modules() -> None:
-    """Import all modules, those of extras that are missing excepted."""
+    """Import all modules. Those of missing extras may fail."""
     for module in pkgutil.walk_packages(locplan.__path__, "locplan."):
         try:
             importlib.import_module(module.name)
@@ -161,7 +161,7 @@ USES: dict[str, Callable[[], None]] = {
 }
 """A use of each extra."""
 ANSWERS = {"dask": "No module named 'distributed'", "ompl": "not available on"}
-"""What a use may answer instead of the extra's name: with dask, the user imports the library."""
+"""Messages that need not name the extra. With dask, the user imports the library."""
 
 
 def check_extra(extra: str, *, is_installed: bool) -> None:

@@ -104,12 +104,12 @@ def test_workflows_run_programs_that_exist(file):
         assert extras <= read_project()["project"]["optional-dependencies"].keys()
 
 
-def test_workflow_tests_all_declared_pythons():
+def test_workflow_tests_declared_pythons():
     workflow = yaml.safe_load((ROOT / ".github/workflows/tests.yml").read_text("utf-8"))
     tested = workflow["jobs"]["suite"]["strategy"]["matrix"]["python"]
     classifiers = read_project()["project"]["classifiers"]
     declared = re.findall(r"Python :: (3\.\d+)", "\n".join(classifiers))
-    assert {*declared} <= {*tested}
+    assert declared == tested
 
 
 def test_matrix_tries_each_extra():
