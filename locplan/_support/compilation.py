@@ -97,7 +97,7 @@ class CompilationLog(events.Listener):  # type: ignore[misc]
         self._is_logged = False
 
     def on_start(self, event: Any) -> None:
-        """Note that a function is being compiled; it may call further ones."""
+        """Note that a function is being compiled, or one that it calls."""
         if self.depth == 0:
             self._began = time.monotonic()
         self.depth += 1
@@ -120,8 +120,8 @@ class CompilationLog(events.Listener):  # type: ignore[misc]
             LOG.info("compiling kernels once for this version, which takes up to a minute")
         else:
             LOG.info(
-                "compiling kernels, which takes up to a minute in each run; set NUMBA_CACHE_DIR to"
-                " a folder that can be written to keep them"
+                "compiling kernels, which takes up to a minute in each run; to keep them, set"
+                " NUMBA_CACHE_DIR to a folder that can be written"
             )
 
 

@@ -37,7 +37,7 @@ def show_progress_bar(
     """Show a bar on standard error with the time left and, if it has a unit, the rate.
 
     It appears after one second and vanishes when the work ends. Before the first step it shows
-    `first`, or that kernels are being compiled. If standard error is no terminal, the label is
+    `first`, or that kernels are being compiled. If standard error is not a terminal, the label is
     logged instead.
     """
     bar = _ProgressBar(label, unit, first)
@@ -64,7 +64,7 @@ def show_spinner(label: str) -> Iterator[None]:
     """Show a label and the elapsed time on standard error during the work.
 
     It appears after one second and vanishes when the work ends. It must not be
-    shown while a `show_progress_bar` is. If standard error is no terminal, the label is logged
+    shown while a `show_progress_bar` is. If standard error is not a terminal, the label is logged
     instead.
     """
 

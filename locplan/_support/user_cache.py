@@ -16,9 +16,9 @@ LOG = logging.getLogger(__name__)
 
 
 def find_user_cache() -> Path:
-    """Return the user's cache folder, or the substitute if that cannot be written.
+    """Return the user's cache folder, or the substitute if only that can be written.
 
-    Logs the substitute once. Neither folder may be writable.
+    Logs the substitute once.
     """
     folder, substitute = choose_user_cache()
     if substitute is None:
@@ -59,7 +59,7 @@ def can_write(folder: Path) -> bool:
 def _make_private_folder() -> Path | None:
     """Return a temporary folder that only this user can write; None if there is none.
 
-    Compiled kernels are code, so a folder that another user has made must not be used.
+    Compiled kernels are code, so a folder that another user made must not be used.
     """
     from tempfile import gettempdir
 

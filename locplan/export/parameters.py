@@ -151,7 +151,7 @@ class RosDistribution:
     """The name, such as jazzy."""
 
     def _is_from(self, first: str) -> bool:
-        """Return True if this is the distribution of a name or a later one."""
+        """True if this is the named distribution or a later one."""
         names = ROS_DISTRIBUTION_NAMES
         return names.index(self.name) >= names.index(first)
 
