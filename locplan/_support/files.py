@@ -72,7 +72,7 @@ def make_folder(folder: Path) -> None:
 
 
 def write_text(file: Path, text: str, errors: str = "strict") -> None:
-    """Write a text in UTF-8 with the line ends that it has, also on Windows."""
+    """Write text as UTF-8 and keep its line endings, also on Windows."""
     file.write_text(text, encoding="utf-8", errors=errors, newline="\n")
 
 

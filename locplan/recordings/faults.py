@@ -35,9 +35,10 @@ REACH, RETURNS = 12.0, 10
 """Maximum compared range [m], and minimum number of returns."""
 GRAZING = 10.0
 """Maximum distance of neighbouring ends on a wall, relative to a wall across the beams."""
-MAX_STEP_WAY, MAX_STEP_TURN = 2.0, math.radians(30)
-"""Maximum distance of a compared step, because scans on both sides of a gap have little in common
-[m], and maximum turn, because odometry and scans have different stamps [rad]."""
+MAX_STEP_DISTANCE = 2.0
+"""Maximum distance of a compared step [m]. Scans on both sides of a gap have little in common."""
+MAX_STEP_TURN = math.radians(30)
+"""Maximum turn of a compared step, because odometry and scans have different stamps [rad]."""
 MIN_DISAGREEMENT, GAIN, FIT = 0.16, 0.07, 0.5
 """Odometry and scans disagree if the best motion differs from odometry by at least this distance
 [m], gains at least this score, and has at least this score."""
@@ -114,7 +115,7 @@ def measure_steps(recording: Recording) -> ScanSteps:
     hidden = np.zeros(len(reported), np.bool_)
     for n, motion in enumerate(reported):
         is_seen = min(len(outlines[n][0]), len(ends[n + 1])) >= RETURNS
-        is_short = math.hypot(*motion[:2]) <= MAX_STEP_WAY and abs(motion[2]) <= MAX_STEP_TURN
+        is_short = math.hypot(*motion[:2]) <= MAX_STEP_DISTANCE and abs(motion[2]) <= MAX_STEP_TURN
         if not (is_seen and is_short):
             continue
         values = _score_motions(motion, *outlines[n], ends[n + 1], lattice)
