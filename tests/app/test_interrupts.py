@@ -284,13 +284,13 @@ from unittest import mock
 sys.argv = {["locplan", name, "room.yaml", *options]!r}
 owner, _, name = {where!r}.rpartition(".")
 setattr(resolve_name(owner), name, property(stuck) if name == "arguments" else stuck)
+from locplan._support import progress
+progress.DISPLAY_DELAY = 3600.0
 from locplan.__main__ import main
 main()
 """
     word = "interrupted" if number == signal.SIGINT else "terminated"
-    exit_code, err = ended(begun(tmp_path, code), number)
-    assert (exit_code, err.splitlines()[-1]) == (128 + number, f"locplan: {word}")
-    assert err.count("\n") <= 2  # after a second, the step that it was in
+    assert ended(begun(tmp_path, code), number) == (128 + number, f"locplan: {word}\n")
     left = {each.name for each in tmp_path.iterdir()} - {*before, "temporary", "cache"}
     assert left <= ({"out"} if name == "compare" else set())  # its journal
     assert not list((tmp_path / "temporary").iterdir())
