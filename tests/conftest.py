@@ -12,6 +12,7 @@ from _pytest.doctest import DoctestModule
 from support.kernel_cache import keep_kernels
 from support.machine import SHARED_DATA
 
+from locplan._support import progress
 from locplan.app.cli import main
 from locplan.field import FieldConfig, Sad, save_config
 
@@ -66,7 +67,7 @@ def _own_cache(tmp_path_factory, monkeypatch):
 @pytest.fixture
 def run(monkeypatch, capsys):
     """Function that runs a command; its log does not depend on the speed of the machine."""
-    monkeypatch.setattr("locplan._support.progress.DISPLAY_DELAY", 3600.0)
+    monkeypatch.setattr(progress, "DISPLAY_DELAY", 3600.0)
 
     def call(*arguments):
         monkeypatch.setattr(sys, "argv", ["locplan", *map(str, arguments)])

@@ -117,7 +117,7 @@ class CompilationLog(events.Listener):  # type: ignore[misc]
             return
         self._is_logged = True
         if find_kernel_folder():
-            LOG.info("compiling kernels once for this version, which takes up to a minute")
+            LOG.info("compiling kernels for their first use, which takes up to a minute")
         else:
             LOG.info(
                 "compiling kernels, which takes up to a minute in each run; to keep them, set"

@@ -78,7 +78,7 @@ def _make_private_folder() -> Path | None:
 @cache
 def _log_substitute(folder: Path, substitute: Path) -> None:
     LOG.warning(
-        "%s cannot be written, so the cache is in %s; set HOME to a folder of yours to keep it",
+        "%s cannot be written, so the cache is in %s; set HOME to a writable folder to keep it",
         folder,
         substitute,
     )

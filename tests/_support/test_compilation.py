@@ -114,9 +114,7 @@ def compile_for(monkeypatch, caplog):
 
 def test_long_compilation_is_logged_once(compile_for):
     assert [len(compile_for(0.4)) for _ in range(5)] == [0, 0, 1, 1, 1]
-    assert compile_for(0.4) == [
-        "compiling kernels once for this version, which takes up to a minute"
-    ]
+    assert compile_for(0.4) == ["compiling kernels for their first use, which takes up to a minute"]
 
 
 def test_compilation_of_users_functions_is_not_logged(compile_for):

@@ -3,6 +3,7 @@
 import logging
 import sys
 import warnings
+from unittest.mock import Mock
 
 import pytest
 from support.command_line import check_refusal
@@ -91,13 +92,26 @@ def test_full_disk_ends_log_quietly(monkeypatch, capsys):
     assert capsys.readouterr().out == ""  # which belongs to the result
 
 
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (OSError("matplotlib needs a folder"), "matplotlib needs a folder"),
+        (OSError(28, "No space left on device"), "the output: No space left on device"),
+        (OSError(28, "No space left on device", "a.png"), "a.png: No space left on device"),
+    ],
+)
+def test_system_error_is_one_line(run, monkeypatch, error, line):
+    monkeypatch.setattr("locplan.app.cli.run_tokens", Mock(side_effect=error))
+    assert run("info") == (1, "", f"locplan: error: {line}\n")
+
+
 @pytest.mark.parametrize("position", [0, 2])
 def test_verbose_shows_settings_and_times(run, room, position):
     words = ["field", room]
     words.insert(position, "--verbose")
     _, _, err = run(*words)
     assert "locplan.app.cli: field: FieldConfig(" in err
-    assert "locplan._support.progress: computing the field of room: " in err
+    assert f"{progress.__name__}: computing the field of room: " in err
     assert run("field", room)[2] == ""
 
 

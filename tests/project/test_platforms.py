@@ -134,6 +134,24 @@ def test_pictures_are_drawn_whatever_backend_the_environment_names(tmp_path, bac
     assert (tmp_path / "a.png").exists()
 
 
+def test_missing_home_is_one_notice(tmp_path):
+    """Containers often run as a user without a home."""
+    locplan.save_map(EMPTY_ROOM, tmp_path / "room.yaml")
+    (tmp_path / "file").touch()
+    (tmp_path / "temporary").mkdir()
+    env = dict.fromkeys(("HOME", "LOCALAPPDATA"), str(tmp_path / "file" / "home"))
+    env |= dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(tmp_path / "temporary"))
+    env |= dict.fromkeys(("LOCPLAN_CACHE", "MPLCONFIGDIR", "XDG_CACHE_HOME"), "")
+    words = "field", "room.yaml", "--field", "sad", "--stride", "1", "-o", "a.png"
+    code, _, err = command(tmp_path, *words, env=env)
+    assert code == 0, err
+    notice, *steps = err.splitlines()
+    assert "cannot be written, so the cache is in" in notice
+    assert len(steps) <= 2  # those that took more than a second
+    (cache,) = (tmp_path / "temporary").iterdir()
+    assert {"fields", "matplotlib"} <= {folder.name for folder in cache.iterdir()}
+
+
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no limits of a process")
 @pytest.mark.parametrize("columns", sample_cases(["1", "0"]))
 def test_help_ends_however_narrow_the_terminal(tmp_path, columns):

@@ -51,8 +51,11 @@ def _report_os_error(error: OSError) -> int:
     if isinstance(error, BrokenPipeError):
         sys.stdout = sys.stderr = None
         return SYSTEM_ERROR
-    subject = "the output" if error.filename is None else os.fsdecode(error.filename)
-    print_line(f"error: {subject}: {error.strerror or error}")
+    text = str(error)  # of a library, without a number
+    if error.errno is not None:
+        subject = "the output" if error.filename is None else os.fsdecode(error.filename)
+        text = f"{subject}: {error.strerror or error}"
+    print_line(f"error: {text}")
     sys.stdout = None
     end_if_supervised(SYSTEM_ERROR)  # background threads must not outlive the output
     return SYSTEM_ERROR
@@ -70,9 +73,9 @@ def _fix_environment() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without ² or ∫ shows ?
     os.environ["MPLBACKEND"] = "agg"  # a notebook sets its own, which may not be installed here
-    if not os.access(os.path.expanduser("~"), os.W_OK):  # matplotlib would warn in each run
-        folder, substitute = choose_user_cache()
-        os.environ.setdefault("MPLCONFIGDIR", str((substitute or folder) / "matplotlib"))
+    if not (os.environ.get("MPLCONFIGDIR") or os.access(os.path.expanduser("~"), os.W_OK)):
+        folder, substitute = choose_user_cache()  # otherwise matplotlib warns in each run
+        os.environ["MPLCONFIGDIR"] = str((substitute or folder) / "matplotlib")
     columns = shutil.get_terminal_size().columns
     if "COLUMNS" in os.environ or columns < MIN_COLUMNS:
         os.environ["COLUMNS"] = str(max(MIN_COLUMNS, columns))

@@ -51,8 +51,6 @@ def info(
     settings
         List the settings for --set with their values.
     """
-    from locplan._support.drawing import save_figure
-    from locplan.planning.figures import map_info_figure
     from locplan.planning.map_info import describe_map
     from locplan.planning.metrics import compare_lidars, make_lidar_table
     from locplan.robots.robot import list_settings
@@ -84,6 +82,9 @@ def info(
         lines.append(str(compared_table))
         values["lidars"] = compared_table.records()
     if target and target.is_file:
+        from locplan._support.drawing import save_figure
+        from locplan.planning.figures import map_info_figure
+
         with show_spinner("drawing"), target.writing() as new:
             save_figure(map_info_figure(described), new)
     elif target:
