@@ -23,6 +23,8 @@ from collections.abc import Callable
 from importlib.metadata import metadata, version
 from pathlib import Path
 
+import numpy as np
+
 import locplan
 from locplan.comparison import compare
 from locplan.errors import LocplanError
@@ -30,6 +32,9 @@ from locplan.errors import LocplanError
 CHECKOUT = Path(__file__).resolve().parents[1]
 LOCPLAN = [sys.executable, "-m", "locplan"]
 ROUTE = ["--start", "2,3", "--goal", "38,3"]
+ROOM = locplan.OccupancyGrid(np.full((60, 60), 254), resolution=0.1)
+ENDS = (1.0, 1.0), (5.0, 5.0)
+FIELD = locplan.FieldConfig(locplan.Sad(range=1.0), stride=1.0)
 ONLY_OF_CHECKOUT = ("docs", "test")
 """Extras that nothing in the package uses."""
 
@@ -92,10 +97,8 @@ def check_doctests() -> None:
 def use_dask() -> None:
     from distributed import Client
 
-    grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    config = locplan.FieldConfig(locplan.Sad(range=1.0), stride=2.0)
     with Client(n_workers=1, processes=False, dashboard_address=None) as client:
-        locplan.covariance_field(grid, config, executor=client.get_executor())
+        locplan.covariance_field(ROOM, FIELD, executor=client.get_executor())
 
 
 def use_explorer() -> None:
@@ -122,16 +125,14 @@ def use_function() -> None:
     def plan_my_way(costs, start, goal):  # type: ignore[no-untyped-def]
         return locplan.plan(costs, start, goal)
 
-    grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    costs = locplan.Costmap.blank(grid, robot=0.25)
-    (result,) = compare({"corridors": costs}, plan_my_way, [((2.0, 3.0), (38.0, 3.0))]).runs
+    costs = locplan.Costmap.blank(ROOM, robot=0.25)
+    (result,) = compare({"room": costs}, plan_my_way, [ENDS]).runs
     assert result.status == "solved"
 
 
 def use_ompl() -> None:
-    grid = locplan.load_map("two_corridors")
-    costs = locplan.Costmap.blank(grid, robot=0.25)
-    plan = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0), planner="RRT", iterations=20_000)
+    costs = locplan.Costmap.blank(ROOM, robot=0.25)
+    plan = locplan.plan(costs, *ENDS, planner="RRT", iterations=2000)
     assert plan.status == "solved"
 
 
@@ -144,11 +145,9 @@ def use_bag() -> None:
 
 
 def use_tables() -> None:
-    grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    config = locplan.FieldConfig(locplan.Sad(range=1.0), stride=2.0)
-    assert locplan.covariance_field(grid, config).to_xarray().sizes
-    plan = locplan.plan(locplan.Costmap.blank(grid, robot=0.25), (2.0, 3.0), (38.0, 3.0))
-    assert len(plan.path.table().to_frame()) > 1
+    assert locplan.covariance_field(ROOM, FIELD).to_xarray().sizes
+    plan = locplan.plan(locplan.Costmap.blank(ROOM, robot=0.25), *ENDS)
+    assert len(plan.table().to_frame()) == 1
 
 
 USES: dict[str, Callable[[], None]] = {

@@ -14,7 +14,7 @@ import re
 import subprocess
 import sys
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, metadata, requires
 from pathlib import Path
 
@@ -22,20 +22,26 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import locplan
+from locplan._support import runs
 from locplan._support.output import ResultFiles
 from locplan._support.public import read_field_docs
+from locplan._support.records import Result
 from locplan._support.runs import FILE_RUN_SUFFIX, RUN_FILE
+from locplan._support.saved import StoredResult
 from locplan.advice import Check, Tuning
 from locplan.advice.landmarks import Landmarks
 from locplan.advice.map_repair import RepairedMap
 from locplan.app.cli.application import COMMANDS, EXIT_CODES, read_summary
+from locplan.app.explorer import sharing
+from locplan.comparison import journal
 from locplan.comparison.result import Comparison
 from locplan.export import batch
-from locplan.export.registry import METADATA_FILE, NAV2_FILES, list_formats
+from locplan.export.registry import METADATA_FILE, METADATA_VERSION, NAV2_FILES, list_formats
+from locplan.field import config as field_config, files as field_files
 from locplan.planning import PLANNERS
-from locplan.recordings import RecordingReport, Replay
+from locplan.recordings import RecordingReport, Replay, files as recording_files
 from locplan.recordings.location import LocatedDrive
-from locplan.robots import LIDARS
+from locplan.robots import LIDARS, files as robot_files
 from locplan.robots.robot import list_settings
 from locplan.simulation import Simulation
 from locplan.simulation.query_routes import RoutesOnMaps
@@ -167,13 +173,54 @@ def make_files_page() -> str:
     ]
     for name in RESULTS:
         parts += [f"## locplan {name}\n", make_files_sections(name, "###")]
+    rows = [(file, str(version), reads) for file, version, reads in list_versions()]
     parts += [
+        "## Versions\n",
+        "Each file holds the version of locplan that wrote it, its kind, and the version of its"
+        " content. This version of locplan writes and reads the following. A newer file ends with"
+        " one line that asks for an update.\n",
+        make_table(("file", "writes", "reads"), rows),
         "## locplan field\n",
         make_table(("file", "purpose"), list_purposes(batch.PURPOSES)),
         "## locplan export\n",
         "See [export formats](formats.md).\n",
     ]
     return "\n".join(parts)
+
+
+def list_versions() -> list[tuple[str, int, str]]:
+    """Return each file that locplan writes, the version of its content, and those that it reads."""
+    results = [files.kind for by_words in RESULTS.values() for files in by_words.values()]
+    stored = {kind.kind: kind for kind in find_subclasses(StoredResult) if "kind" in vars(kind)}
+    return [
+        *(
+            (f"{name}, `{kind.kind}{kind.suffix}`", kind.version, f"up to {kind.version}")
+            for name, kind in sorted(stored.items())
+        ),
+        ("field, `NAME.npz`", field_files.VERSION, f"up to {field_files.VERSION}"),
+        ("settings, `NAME.json`", field_config.VERSION, f"up to {field_config.VERSION}, or none"),
+        (
+            "recording, `NAME.npz`",
+            recording_files.VERSION,
+            f"up to {recording_files.VERSION}, or none",
+        ),
+        ("robot, `NAME.yaml`", robot_files.VERSION, f"up to {robot_files.VERSION}, or none"),
+        (f"run, `{RUN_FILE}`", runs.VERSION, f"up to {runs.VERSION}"),
+        ("journal of a comparison, `NAME.jsonl`", journal.VERSION, f"{journal.VERSION}"),
+        (f"export, `{METADATA_FILE}`", METADATA_VERSION, "not read"),
+        ("page of the explorer, `NAME.html`", sharing.VERSION, "not read"),
+        *(
+            (f"result, `{name}.json`", Result.version, "up to 1" if name == "check" else "not read")
+            for name in sorted({*results} - stored.keys())
+        ),
+    ]
+
+
+def find_subclasses(kind: type) -> Iterator[type[StoredResult]]:
+    """Yield a class's subclasses, their subclasses, and so on."""
+    for subclass in kind.__subclasses__():
+        yield subclass
+        yield from find_subclasses(subclass)
 
 
 def make_files_sections(name: str, heading: str) -> str:

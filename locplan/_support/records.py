@@ -232,6 +232,8 @@ class Result(DrawableResult):
 
     files: ClassVar[ResultFiles]
     """The files of a folder of results."""
+    version: ClassVar[int] = 1
+    """Version of its JSON file, which rises when an older locplan could not read it."""
     if TYPE_CHECKING:
         report: Callable[..., str]
 
@@ -288,7 +290,8 @@ class Result(DrawableResult):
         if isinstance(self, StoredResult) and self.suffix == ".json":
             self.write(folder / f"{kind}.json")
         else:
-            tables.write_json(folder / f"{kind}.json", self.summary(*related_results))
+            content = self.summary(*related_results)
+            tables.write_json(folder / f"{kind}.json", kind, self.version, content)
         if self.is_drawable:
             self.figure(*related_results).savefig(folder / f"{kind}.png", **IN_FILES)
         self._write(folder, *related_results)

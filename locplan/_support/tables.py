@@ -17,11 +17,11 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan import __version__
 from locplan._support.checks import short_repr
 from locplan._support.files import write_text
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import replace_file
+from locplan._support.reading import make_file_stamp
 from locplan.errors import ConfigError
 
 T = TypeVar("T")
@@ -44,10 +44,10 @@ def write_csv(target: Path, values: Floats, header: str, number: str = "%.6f") -
         np.savetxt(file, values, number, delimiter=",", header=header, comments="")
 
 
-def write_json(file: Path, content: Mapping[str, object]) -> None:
-    """Write numbers and texts with the version of locplan, as a whole or not at all."""
+def write_json(file: Path, kind: str, version: int, content: Mapping[str, object]) -> None:
+    """Write numbers and texts with the kind and version of the file, as a whole or not at all."""
     with replace_file(file) as temporary:
-        text = json.dumps({"locplan": __version__, **content}, indent=2)
+        text = json.dumps({**make_file_stamp(kind, version), **content}, indent=2)
         write_text(temporary, text + "\n")
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from locplan._support.files import check_writable_file, write_text
 from locplan._support.output import ResultOutput
 from locplan._support.public import load_templates
+from locplan._support.reading import make_file_stamp
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ NAV2_FILES = {
 """Purpose of the files for Nav2 by name, the most useful first."""
 METADATA_FILE = "export.json"
 """The file that records the input of an export."""
+METADATA_VERSION = 1
+"""Version of this file's content."""
 Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
 """A distribution of ROS 2."""
 DEFAULT_DISTRO: Distro = "jazzy"
@@ -285,8 +288,8 @@ def create_export_folder(
     with ResultOutput(Path(target), metadata["kind"], force, purposes=purposes).writing() as folder:
         yield folder
         write_text(folder / "README.md", render_template(readme, template_values))
-        text = json.dumps(metadata, indent=2, allow_nan=False)
-        write_text(folder / METADATA_FILE, text + "\n")
+        content = {**make_file_stamp(metadata["kind"], METADATA_VERSION), **metadata}
+        write_text(folder / METADATA_FILE, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def render_template(template: str, template_values: Mapping[str, Any]) -> str:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan import __version__
 from locplan._support.checks import (
     Settings,
     check_file_path,
@@ -27,7 +26,13 @@ from locplan._support.checks import (
 from locplan._support.files import check_writable_file, write_text
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.output import replace_file
-from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
+from locplan._support.reading import (
+    MAX_JSON_BYTES,
+    check_file_stamp,
+    make_file_stamp,
+    parse_json,
+    read_text,
+)
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.estimator import Estimator, build_settings, dict_from_settings
 from locplan.field.estimators import estimator_class
@@ -38,6 +43,7 @@ from locplan.maps.grid import OccupancyGrid
 from locplan.robots.lidar import Lidar
 from locplan.robots.robot import Robot
 
+KIND, VERSION = "settings", 1
 STRIDE = 0.2
 """Spacing of the evaluated cells by default [m]."""
 COARSE_STRIDE = 0.4
@@ -243,7 +249,7 @@ def save_config(config: FieldConfig, path: str | os.PathLike[str]) -> None:
     check_instance("config", config, FieldConfig)
     target = check_file_path("a file of settings", path)
     check_writable_file(target, ".json")
-    content = {"locplan": __version__, "config": config.to_json()}
+    content = {**make_file_stamp(KIND, VERSION), "config": config.to_json()}
     with replace_file(target) as temporary:
         write_text(temporary, json.dumps(content, indent=2) + "\n")
 
@@ -271,6 +277,8 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     except ValueError:
         raise ConfigError(f"{path}: is no JSON; locplan.save_config writes such a file") from None
     settings = content.get("config", content) if isinstance(content, dict) else None
+    if settings is not content and "version" in content:  # older files have none
+        check_file_stamp(path, content, KIND, VERSION)
     if not isinstance(settings, dict):
         raise ConfigError(f'{path}: must hold settings of a field, or them as its "config"')
     try:

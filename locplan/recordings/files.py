@@ -16,8 +16,8 @@ from locplan._support.checks import check_file_path, short_repr
 from locplan._support.files import protect_input
 from locplan._support.output import replace_file
 from locplan._support.progress import ProgressCallback
-from locplan._support.reading import NO_FILE, parse_json
-from locplan._support.saved import decode_tree
+from locplan._support.reading import NO_FILE, check_file_stamp, make_file_stamp, parse_json
+from locplan._support.saved import TREE_NAME, decode_tree
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.recordings.bags import SUFFIXES as BAGS, read_bag
 from locplan.recordings.carmen import SUFFIXES as CARMEN, read_carmen
@@ -26,6 +26,7 @@ from locplan.recordings.recording import Recording
 
 MAX_ARRAY_BYTES = 2**28
 """Maximum total size of a file's unpacked arrays; reading takes about six times this memory."""
+KIND, VERSION = "recording", 1
 BUILT_IN = ("two_corridors",)
 """Names of the built-in recordings, each of a drive in the built-in map of this name."""
 BUILT_IN_FOLDER = Path(__file__).parent / "drives"
@@ -171,7 +172,7 @@ def save_recording(recording: Recording, target: str | os.PathLike[str]) -> None
 def _read_npz(path: Path, options: ReadOptions) -> Recording:
     """Read an .npz file; raise a RecordingError if it is damaged or holds no recording."""
     options.refuse_unused("an .npz file", of_robot=False)
-    names = ("ranges", "poses", "times", "odometry", "speeds", "lidar", "source")
+    names = (TREE_NAME, "ranges", "poses", "times", "odometry", "speeds", "lidar", "source")
     try:
         arrays = read_arrays(path, MAX_ARRAY_BYTES, names)
     except OSError as error:
@@ -181,13 +182,15 @@ def _read_npz(path: Path, options: ReadOptions) -> Recording:
     missing = [name for name in ("ranges", "poses", "lidar") if name not in arrays]
     if missing:
         raise RecordingError(
-            f"has no array {' and '.join(missing)}; a recording has {', '.join(names)}, of which"
-            " times, odometry, speeds and source may be missing"
+            f"has no array {' and '.join(missing)}; a recording has {', '.join(names[1:])}, of"
+            " which times, odometry, speeds and source may be missing"
         )
     ranges = arrays["ranges"]
     if ranges.dtype == np.uint16:
         metres = (ranges / np.float64(1000)).astype(np.float32)
         ranges = np.where(ranges == NO_RETURN_MM, np.float32(np.inf), metres)
+    if TREE_NAME in arrays:  # older files have no version
+        _check_stamp(path, _parse_entries(TREE_NAME, arrays[TREE_NAME]))
     lidar = options.make_lidar(_parse_entries("lidar", arrays["lidar"]))
     source = RecordingSource(file=path.name)
     if "source" in arrays:
@@ -204,6 +207,14 @@ def _read_npz(path: Path, options: ReadOptions) -> Recording:
     if options.window is not None:
         recording = recording.window(*options.window)
     return recording.subsample(options.every)
+
+
+def _check_stamp(path: Path, stamp: dict[str, Any]) -> None:
+    """Raise a RecordingError unless the stamp is that of a recording that is read here."""
+    try:
+        check_file_stamp(path, stamp, KIND, VERSION)
+    except LocplanError as error:  # the caller names the file
+        raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
 
 
 def _parse_entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
@@ -228,6 +239,7 @@ def _write_npz(drive: Recording, target: Path) -> None:
     if exact.all() and (millimetres[returns] < NO_RETURN_MM).all():  # nothing is lost
         ranges = millimetres.astype(np.uint16)
     values = {
+        TREE_NAME: np.array(json.dumps(make_file_stamp(KIND, VERSION))),
         "ranges": ranges,
         "poses": drive.poses,
         "lidar": np.array(json.dumps(dataclasses.asdict(drive.lidar))),

@@ -26,6 +26,8 @@ from locplan import (
 from locplan.errors import LocplanError
 from locplan.field import SearchWindow
 from locplan.planning import ParetoFront
+from locplan.recordings import Recording, read_recording
+from locplan.recordings.files import save_recording
 
 DRAWN = ascii_map(
     "##########", "#...#....#", "#........#", "#....#...#", "##########", resolution=0.5
@@ -161,6 +163,19 @@ def saved(folder):
     }
 
 
+def saved_inputs(folder):
+    """A file of each kind that has its own reader, and this reader."""
+    small_field().save(folder / "field.npz")
+    locplan.save_config(small_field().config, folder / "settings.json")
+    ranges, poses = np.ones((2, 360), np.float32), np.zeros((2, 3))
+    save_recording(Recording(ranges, Lidar(), poses), folder / "drive.npz")
+    return {
+        "field.npz": CovarianceField.load,
+        "settings.json": locplan.load_config,
+        "drive.npz": read_recording,
+    }
+
+
 def changed(file, **entries):
     """Change entries of what a file says about itself."""
     if file.suffix == ".npz":
@@ -181,7 +196,7 @@ def changed(file, **entries):
 
 
 def test_a_file_of_another_kind_or_of_a_newer_version_is_refused_in_one_line(tmp_path):
-    for name, load in saved(tmp_path).items():
+    for name, load in (saved(tmp_path) | saved_inputs(tmp_path)).items():
         file = tmp_path / name
         assert load(file)
         changed(file, version=99)

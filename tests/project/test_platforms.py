@@ -59,7 +59,7 @@ for planner in ("RRTstar", "PRM"):
     except locplan.LocplanError as error:
         print(error)
 """
-    env = {**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))}
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
     assert done.returncode == 0, done.stderr
     status, *errors = done.stdout.splitlines()
@@ -80,7 +80,7 @@ execution = Execution(workers=1, journal="runs.jsonl")
 (run,) = compare({"room": blank_room()}, "grid", [ROOM_ENDS], execution=execution).runs
 print(run.status, run.note)
 """
-    env = {**os.environ, "PYTHONPATH": ":".join([str(tmp_path), *filter(None, sys.path)])}
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, env=env, cwd=tmp_path
     )
@@ -116,7 +116,7 @@ def command(folder, *arguments, env=(), before=None, **streams):
     done = subprocess.run(
         [sys.executable, "-m", "locplan", *arguments],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path)), **dict(env)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **dict(env)},
         preexec_fn=before,
         **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **streams},
     )

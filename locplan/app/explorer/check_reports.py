@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._support.checks import check_file_path
-from locplan._support.reading import MAX_BYTES, parse_yaml, read_content
+from locplan._support.reading import MAX_BYTES, check_file_stamp, parse_yaml, read_content
 from locplan._support.runs import RUN_FILE, RunRecord
 from locplan._support.tables import make_file_name
+from locplan.advice.check_result import Check
 from locplan.app.explorer.messages import format_sentence
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps.files import load_map
@@ -72,6 +73,7 @@ class CheckReport:
             raise LocplanError(
                 f"{file}: is damaged or from another version; run `locplan check` again"
             ) from None
+        check_file_stamp(file, facts, Check.files.kind, Check.version)
         map_folder = Folder(str(map_name))
         if load_map(map_folder).digest != digest:
             raise LocplanError(
@@ -115,7 +117,7 @@ def _check_facts(facts: Mapping[str, Any]) -> None:
         _ = spot["letter"], spot["x"], spot["y"], spot["missing"], spot["position_std"]
     for fix in facts["fixes"]:
         _ = fix["kind"], fix["lost"], fix["title"]
-    _ = facts["routes"][0], facts["next"]["sentence"], facts["baseline"]
+    _ = facts["version"], facts["routes"][0], facts["next"]["sentence"], facts["baseline"]
 
 
 def describe_report(

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._support.kernels.arrays import Octets
+from locplan._support.reading import make_file_stamp
 from locplan._support.tables import nan_to_none
 from locplan.app.explorer.exports import make_map_file_name
 from locplan.app.explorer.layers import make_cell_classes
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from locplan.app.explorer.messages import Question, QuestionJob
     from locplan.app.explorer.session import Session
 
+KIND, VERSION = "explorer", 1
 PAGE = Path(__file__).parent / "page" / "dist"
 """Folder of the files that the page is made of."""
 STYLE = '<link rel="stylesheet" href="page.css">'
@@ -54,6 +56,7 @@ def share_page(
         raise ConfigError("the map or its field has changed; share the page again")
     facts |= {"can_export": False, "lidars": [], "distros": []}  # these need a server
     data = {
+        "file": make_file_stamp(KIND, VERSION),
         "about": facts,
         "state": {**state, "busy": None},
         "cells": _encode_array(make_cell_classes(scene.site.grid.cells)),
