@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from _pytest.doctest import DoctestModule
-from support.kernel_cache import keep_kernels
 from support.machine import SHARED_DATA
 
 from locplan._support import progress
@@ -19,12 +18,11 @@ from locplan.field import FieldConfig, Sad, save_config
 
 
 def pytest_configure() -> None:
-    """Keep compiled kernels, before numba is imported; worker processes inherit the folder.
+    """Keep compiled modules, also if the environment forbids it.
 
-    They keep compiled modules, too, as Python does where nobody forbids it: tests start a hundred
-    processes, of which each would compile the package, and pytest rewrites the tests' assertions.
+    Tests start a hundred processes, each of which would compile the package, and pytest rewrites
+    the tests' assertions.
     """
-    keep_kernels()
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 

@@ -1,14 +1,11 @@
 import logging
 import os
-import subprocess
-import sys
 import time
 from types import SimpleNamespace
 
 import numba
 import pytest
 from numba.core import config
-from support.kernel_cache import FOLDER
 
 from locplan._support import compilation
 
@@ -139,15 +136,3 @@ def test_compilation_is_noticed_while_it_lasts(root, monkeypatch):
     assert not compilation.is_compiling()
     make_kernel()(3)  # is read from the cache
     assert len(noticed) == 2
-
-
-def test_tests_name_their_folder_before_numba_is_imported():
-    code = (
-        "import os, sys; sys.path.insert(0, 'tests'); import support.kernel_cache as cache;"
-        "cache.keep_kernels(); print(os.environ['NUMBA_CACHE_DIR'], 'numba' in sys.modules)"
-    )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": ""}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
-    )
-    assert done.stdout == f"{FOLDER} False\n"
