@@ -30,7 +30,7 @@ TEXT_WIDTH, REPORT_WIDTH = 105, 100
 """Maximum width of text beside tables, and that of running text in reports [characters]."""
 _DEVICES = {f"{port}{n}" for port in ("COM", "LPT") for n in "123456789"}
 _DEVICES |= {"CON", "PRN", "AUX", "NUL"}
-"""Names that no file on Windows may have, with any suffix."""
+"""Names that Windows reserves, with any suffix."""
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a formula of a spreadsheet, or of a text guarded by `format_csv_cell`."""
 
@@ -209,7 +209,7 @@ def format_age(moment: float) -> str:
 
 
 def make_file_name(name: str) -> str:
-    """Return a name of which every file system makes a file, with dashes for other characters.
+    """Return a file name that all systems accept, with dashes for other characters.
 
     >>> make_file_name("dock 3/left"), make_file_name(".."), make_file_name("Aux.1")
     ('dock-3-left', '-', 'Aux-.1')
@@ -220,7 +220,7 @@ def make_file_name(name: str) -> str:
 
 
 def check_file_names_differ(kind: str, names: Iterable[str]) -> None:
-    """Raise a ConfigError if two names make one file, at least where upper case does not count."""
+    """Raise a ConfigError if two names make the same file name, regardless of case."""
     names_by_file: dict[str, str] = {}
     for name in names:
         file = make_file_name(name).casefold()
