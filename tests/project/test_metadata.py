@@ -67,12 +67,28 @@ def test_citation_names_the_authors_of_the_package():
     assert citation["repository-code"] == project["urls"]["Source"]
 
 
-def test_readme_of_pypi_has_only_absolute_links():
+def make_readme_of_pypi() -> str:
+    """Return the README as the build edits it."""
     hook = read_project()["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
     text = "".join((ROOT / part["path"]).read_text("utf-8") for part in hook["fragments"])
-    links = re.findall(r"\]\(([^)]+)\)", text)
     for rule in hook["substitutions"]:
         text = re.sub(rule["pattern"], rule["replacement"], text)
+    return text
+
+
+def test_readme_of_pypi_needs_no_checkout():
+    """Its first command installs the package, and all commands but the tests' use built-in maps."""
+    text = make_readme_of_pypi()
+    first = re.search(r"```sh\n(.+)\n```", text)
+    assert first is not None
+    assert "pip install locplan && " in first[1]
+    assert " plan hall --start" in first[1]
+    assert "maps/" not in text
+
+
+def test_readme_of_pypi_has_only_absolute_links():
+    links = re.findall(r"\]\(([^)]+)\)", (ROOT / "README.md").read_text("utf-8"))
+    text = make_readme_of_pypi()
     absolute = re.findall(r"\]\(([^)]+)\)", text)
     assert len(absolute) == len(links)
     assert all(link.startswith("https://") for link in absolute)

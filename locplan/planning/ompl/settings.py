@@ -27,9 +27,9 @@ except ModuleNotFoundError:
     raise LocplanError(
         f"OMPL's planners are not available on {' with '.join(alternatives)}: ompl has no wheels"
         " for it;"
-        f" take grid or any-angle, or {' with '.join(alternatives.values())}"
+        f" use grid or any-angle, or {' with '.join(alternatives.values())}"
         if alternatives
-        else "OMPL's planners need ompl: pip install 'locplan[ompl]', or take grid or any-angle"
+        else "OMPL's planners need ompl: pip install 'locplan[ompl]', or use grid or any-angle"
     ) from None
 
 
