@@ -111,6 +111,14 @@ def test_texts_have_same_line_ends_everywhere():
         assert ast.unparse(call.args[0]) in ("file", "target"), f"{path}:{call.lineno}"
 
 
+def test_texts_are_read_with_an_encoding():
+    """Windows reads a text in the encoding of its language unless one is named."""
+    readers = find_calls("read_text")
+    assert readers
+    for path, call in readers:
+        assert call.args or "encoding" in list_keywords(call), f"{path}:{call.lineno}"
+
+
 def test_equal_values_keep_their_order_when_sorted():
     """Otherwise numpy's order of equal values depends on the processor."""
     calls = find_calls("argsort")

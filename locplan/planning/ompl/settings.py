@@ -125,7 +125,7 @@ def log_messages() -> Iterator[None]:
         finally:
             util.setLogLevel(level)
             util.restorePreviousOutputHandler()
-            for line in file.read_text(errors="replace").splitlines():
+            for line in file.read_text("utf-8", errors="replace").splitlines():
                 line_match = _LINE.match(line)
                 if line_match and not line_match[2].startswith(_HARMLESS):
                     LOG.log(logging.getLevelName(line_match[1].upper()), line_match[2])
