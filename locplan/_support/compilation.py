@@ -17,6 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import numba
@@ -24,7 +25,7 @@ from numba.core import config, event as events
 
 from locplan import __version__
 from locplan._support import progress
-from locplan._support.user_cache import can_write, find_kernel_root
+from locplan._support.user_cache import find_kernel_root
 
 LOG = logging.getLogger(__name__)
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -58,11 +59,12 @@ def find_kernel_folder() -> Path | None:
         is_new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)  # it is in use
+        TemporaryFile(dir=folder).close()  # numba fails if it cannot write
     except OSError:
         return None
     if is_new:
         _remove_unused_folders(root)
-    return folder if can_write(folder) else None
+    return folder
 
 
 def compute_digest(package: Path) -> str:

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -161,12 +161,18 @@ def _hold_lock(path: Path, on_waiting: Callable[[], None]) -> Iterator[bool]:
     except (OSError, NotImplementedError) as error:  # the latter where a file system has no locks
         lock = None
         reason = getattr(error, "strerror", None) or error
-        LOG.warning("the result is not cached: %s cannot be written (%s)", path.parent, reason)
+        _log_unwritable(path.parent, str(reason))
     try:
         yield lock is not None
     finally:
         if lock:
             lock.release()
+
+
+@cache
+def _log_unwritable(folder: Path, reason: str) -> None:
+    """Log that results are not cached, once for all of them."""
+    LOG.warning("results are not cached: %s cannot be written (%s)", folder, reason)
 
 
 def make_lock(path: Path) -> BaseFileLock:
