@@ -381,7 +381,8 @@ def read_licence(name: str) -> str:
     facts = metadata(name)
     classifiers = facts.get_all("Classifier") or ()
     names = [text.rpartition(" :: ")[2] for text in classifiers if text.startswith("License ::")]
-    return str(facts["License-Expression"] or ", ".join(names) or facts["License"])
+    stated = facts.get("License-Expression") or ", ".join(names)
+    return str(stated or facts.get("License"))
 
 
 def make_benchmarks_page(file: Path | None) -> str:
