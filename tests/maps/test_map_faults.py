@@ -8,6 +8,7 @@ from PIL import Image
 from support import oracles
 from support.maps import ascii_map, blocks, random_rooms
 
+from locplan._support.kernels.particles import add_scores
 from locplan._support.kernels.walls import count_deep_faces
 from locplan.maps import (
     FREE,
@@ -105,6 +106,12 @@ def test_the_check_is_made_once_of_equal_maps():
     assert measure_solidity(blocks()) is first
     assert 0.2 <= first.wrong_pose_share <= 1
     assert first.hollowed_wrong_pose_share <= first.wrong_pose_share / 2
+
+
+def test_solidity_compiles_no_second_kernel():
+    """Each order of an array compiles `add_scores` again, which takes a second of the first run."""
+    measure_solidity(replace(blocks(), origin=(2.0, 0.0, 0.0)))  # another map
+    assert {arguments[2].layout for arguments in add_scores.signatures} == {"C"}
 
 
 @pytest.mark.parametrize(("speck", "many"), [(1, True), (3, True), (4, False)])

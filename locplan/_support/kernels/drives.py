@@ -46,19 +46,25 @@ def start_filter(
 ) -> FilterState:
     """Draw a filter's particles around a first pose with a random error of the same deviations."""
     max_particles = settings.max_particles
-    clouds, weights = np.empty((2, 3, max_particles)), np.full(max_particles, 1 / max_particles)
+    clouds, weights = np.empty((2, 3, max_particles)), np.empty(max_particles)
     poses = clouds[0]
-    sigma = np.array([deviations.position, deviations.position, deviations.heading])
+    sigma = deviations.position, deviations.position, deviations.heading
     for axis in range(3):
-        poses[axis] = first_pose[axis] + sigma[axis] * random.standard_normal()
+        middle = first_pose[axis] + sigma[axis] * random.standard_normal()
+        for n in range(max_particles):
+            poses[axis, n] = middle
     histogram = particles.make_histogram(max_particles)
     bins = np.int64(0)  # the constant 0 has a type of its own
     for n in range(max_particles):
+        weights[n] = 1 / max_particles
         for axis in range(3):
             poses[axis, n] += sigma[axis] * random.standard_normal()
         bins = particles.insert_particle(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
-    pose = np.array(particles.compute_heaviest_mean(histogram, bins, poses, max_particles))
-    averages, state = np.zeros(2), np.array([0, max_particles, bins, 0, 0, 0])
+    pose, averages, state = np.empty(3), np.zeros(2), np.zeros(6, np.int64)
+    pose[0], pose[1], pose[2] = particles.compute_heaviest_mean(
+        histogram, bins, poses, max_particles
+    )
+    state[COUNT], state[BINS] = max_particles, bins
     return FilterState(clouds, weights, histogram, averages, pose, state)
 
 
@@ -138,7 +144,8 @@ def correct_particles(
     if lost > 0:  # as in AMCL; otherwise more and more particles would be random
         tracker.averages[0] = tracker.averages[1] = 0.0
     state[NOW], state[COUNT], state[BINS], state[AT] = 1 - state[NOW], count, bins, n
-    weights[:count] = 1 / count
+    for k in range(count):
+        weights[k] = 1 / count
     x, y, heading = particles.compute_heaviest_mean(tracker.histogram, bins, new_poses, count)
     tracker.pose[0], tracker.pose[1], tracker.pose[2] = x, y, heading
     return True

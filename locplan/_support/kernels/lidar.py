@@ -48,7 +48,7 @@ def compute_lidar_offset(
     cos, sin = np.cos(heading), np.sin(heading)
     x = (cos * lidar.forward - sin * lidar.left) / resolution
     y = (sin * lidar.forward + cos * lidar.left) / resolution
-    return np.round(x / fraction) * fraction, np.round(y / fraction) * fraction
+    return np.rint(x / fraction) * fraction, np.rint(y / fraction) * fraction
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -87,7 +87,7 @@ def write_scan_ends(
         dx, dy = np.cos(bearing), np.sin(bearing)
         at, hit_row, hit_col = cast_ray(empty_squares, from_row, from_col, dy, dx, max_range)
         if not 0 < at < np.inf or at < min_range:  # at 0 the lidar itself is within a wall
-            ends[b] = np.nan
+            ends[b, 0] = ends[b, 1] = np.nan
             continue
         leave_row = (hit_row + (dy >= 0) - from_row) / dy
         leave_col = (hit_col + (dx >= 0) - from_col) / dx
@@ -174,7 +174,7 @@ def simulate_measured_ends(
         if occluded and angle_offset <= disturbances.width / 2 and not before > at:
             at = before
         if not 0 < at < reach or at < min_range:
-            ends[b] = np.nan
+            ends[b, 0] = ends[b, 1] = np.nan
             continue
         # Start at the lidar's position on the robot, and go along the beam.
         ahead = cos * lever_x + sin * lever_y
@@ -224,8 +224,12 @@ def compute_fisher_information(
         [1, m/rad, m^2/rad^2], for a standard deviation of 1 m; zero without any return.
     """
     result = np.full((rows.size, headings.size, 3, 3), np.nan)
-    bearings = headings.reshape(-1, 1) + lidar.yaw + lidar.angles
-    beam_x, beam_y = np.cos(bearings), np.sin(bearings)
+    beam_x = np.empty((headings.size, lidar.angles.size))
+    beam_y = np.empty((headings.size, lidar.angles.size))
+    for k in range(headings.size):
+        for b in range(lidar.angles.size):
+            bearing = headings[k] + lidar.yaw + lidar.angles[b]
+            beam_x[k, b], beam_y[k, b] = np.cos(bearing), np.sin(bearing)
     min_range, max_range = lidar.min_range / resolution, lidar.max_range / resolution
     for n in range(rows.size):
         if control[STOP]:

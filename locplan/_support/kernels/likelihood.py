@@ -159,7 +159,9 @@ def make_weight_tables(nats_per_cost: float, max_cost: int) -> WeightTables:
     """Return tables of weights for costs up to `max_cost`, or until weights are negligible."""
     # Offsets whose log-probability is 30 nats below the greatest are left out.
     multiples = int(min(30.0 / nats_per_cost, float(max_cost))) // FINE + 1
-    coarse = np.exp(-nats_per_cost * FINE * np.arange(multiples))
-    return WeightTables(
-        coarse, np.exp(-nats_per_cost * np.arange(FINE)), multiples * FINE - 1, nats_per_cost
-    )
+    coarse, fine = np.empty(multiples), np.empty(FINE)
+    for n in range(multiples):
+        coarse[n] = np.exp(-nats_per_cost * FINE * n)
+    for n in range(FINE):
+        fine[n] = np.exp(-nats_per_cost * n)
+    return WeightTables(coarse, fine, multiples * FINE - 1, nats_per_cost)

@@ -150,7 +150,8 @@ def insert_particle(
 @njit(nogil=True, cache=True)
 def label_clusters(histogram: PoseHistogram, n_bins: int) -> int:
     """Label clusters of bins that touch, also at corners; return the number of clusters."""
-    histogram.cluster[:n_bins] = FREE
+    for n in range(n_bins):
+        histogram.cluster[n] = FREE
     waiting = np.empty(n_bins, np.int64)
     clusters = 0
     for first in range(n_bins):
@@ -187,7 +188,11 @@ def compute_heaviest_mean(
         total[2] += y
         total[3] += np.cos(heading)
         total[4] += np.sin(heading)
-    best = sums[np.argmax(sums[:, 0])]
+    heaviest = 0
+    for cluster in range(1, len(sums)):
+        if sums[cluster, 0] > sums[heaviest, 0]:
+            heaviest = cluster
+    best = sums[heaviest]
     return best[1] / best[0], best[2] / best[0], np.arctan2(best[4], best[3])
 
 
@@ -263,10 +268,13 @@ def add_scores(scores: BeamScores, ends: Floats, poses: Floats, count: int, sums
     `ends` (beam, 2) are ahead and to the left of the robot [cells]; NaN, without a return, is
     ignored.
     """
-    returned = ends[~np.isnan(ends[:, 0])]
-    ahead, left = returned[:, 0].copy(), returned[:, 1].copy()
+    ahead, left, n_returned = np.empty(len(ends)), np.empty(len(ends)), 0
+    for b in range(len(ends)):
+        if not np.isnan(ends[b, 0]):
+            ahead[n_returned], left[n_returned] = ends[b, 0], ends[b, 1]
+            n_returned += 1
     last_row, last_col = scores.rows - 1.0, scores.cols - 1.0
-    cells = np.empty(len(returned), np.int64)
+    cells = np.empty(n_returned, np.int64)
     for n in range(count):
         cos, sin = np.cos(poses[2, n]), np.sin(poses[2, n])
         x = poses[0, n] / scores.resolution + scores.shift
@@ -328,9 +336,12 @@ def resample_particles(
         Number of drawn particles, and of bins, which the histogram now holds.
     """
     clear_histogram(histogram, bins)
-    shares = np.cumsum(weights[:count])
+    shares, total = np.empty(count), 0.0
+    for n in range(count):
+        total += weights[n]
+        shares[n] = total
     guide = index_cumulative_shares(shares)
-    bins = n_drawn = size = 0
+    bins = n_drawn = size = int(np.int64(0))  # the constant 0 has a type of its own
     while n_drawn < settings.max_particles:
         # Without recovery no number is drawn for it.
         if lost > 0 and len(scores.free) and random.random() < lost:

@@ -65,9 +65,12 @@ def score_scan(
     for k in range(costs.size):
         costs[k] = lattice.empty[k]
     batch_size = 65535 // TOP  # beams whose summed costs fit into sixteen bits
-    returned = ~np.isnan(ends[:, 0])
-    xs, ys = ends[returned, 0], ends[returned, 1]
-    starts = np.empty(xs.size, np.int64)
+    xs, ys, count = np.empty(len(ends)), np.empty(len(ends)), 0
+    for n in range(len(ends)):
+        if not np.isnan(ends[n, 0]):
+            xs[count], ys[count] = ends[n, 0], ends[n, 1]
+            count += 1
+    starts = np.empty(count, np.int64)
     planes, plane, stride = field.costs, float(field.plane), field.width
     last_row, last_col = float(field.last_row), float(field.last_col)
     step, width = float(field.step), float(field.width)
@@ -77,7 +80,7 @@ def score_scan(
         cos, sin = lattice.cos[k], lattice.sin[k]
         # Where each turned endpoint's cost at its first offset is. All of this is exact in floating
         # point; vectors cannot divide integers.
-        for n in range(xs.size):
+        for n in range(starts.size):
             at_row = np.floor(sin * xs[n] + cos * ys[n] + 0.5) + (row + from_here)
             at_col = np.floor(cos * xs[n] - sin * ys[n] + 0.5) + (col + from_here)
             # An endpoint beyond the layout is near no wall at any offset, however far away it is.
@@ -136,7 +139,7 @@ def find_central_mode(
     inside[guard + centre // WORD] = np.uint64(1) << np.uint64(centre % WORD)
     growing = True
     while growing:
-        dilate_bits(inside, 1, guard, grown)
+        dilate_bits(inside, np.int64(1), guard, grown)
         dilate_bits(grown, lattice.width, guard, between)
         dilate_bits(between, lattice.plane, guard, grown)
         growing = False
@@ -162,9 +165,14 @@ def compute_moments(
     cancels if only one weight is positive.
     """
     rows, half_headings = lattice.plane // lattice.width, (lattice.cos.size - 1) // 2
-    min_cost = costs.min()
+    min_cost = costs[0]
+    for k in range(costs.size):
+        min_cost = min(min_cost, costs[k])
     total = total_loss = total_outside = 0.0
-    first, second = np.zeros(3), np.zeros((3, 3))
+    for i in range(3):
+        mean[i] = 0.0
+        for j in range(3):
+            covariance[i, j] = 0.0
     coarse, fine, limit = weights.coarse, weights.fine, np.uint64(weights.limit)
     for at in range(0, costs.size, SHORTS):
         if not lanes_at_most(costs, at, min_cost + weights.limit):
@@ -187,19 +195,20 @@ def compute_moments(
         total += w
         total_loss += loss
         total_outside += outside
-        first[0] += wx
-        first[1] += w * y
-        first[2] += w * t
-        second[0, 0] += wxx
-        second[0, 1] += wx * y
-        second[0, 2] += wx * t
-        second[1, 1] += w * y * y
-        second[1, 2] += w * y * t
-        second[2, 2] += w * t * t
+        mean[0] += wx
+        mean[1] += w * y
+        mean[2] += w * t
+        covariance[0, 0] += wxx
+        covariance[0, 1] += wx * y
+        covariance[0, 2] += wx * t
+        covariance[1, 1] += w * y * y
+        covariance[1, 2] += w * y * t
+        covariance[2, 2] += w * t * t
     for i in range(3):
-        mean[i] = first[i] / total
+        mean[i] /= total
+    for i in range(3):
         for j in range(i, 3):
-            covariance[i, j] = second[i, j] / total - mean[i] * (first[j] / total)
+            covariance[i, j] = covariance[i, j] / total - mean[i] * mean[j]
             covariance[j, i] = covariance[i, j]
     return np.log(total) + weights.nats * total_loss / total, total_outside / total
 

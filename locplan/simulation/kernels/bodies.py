@@ -38,7 +38,10 @@ def measure_wall_distance(squares: Octets, row: float, col: float, max_distance:
     rows, cols = squares.shape[1] - 2, squares.shape[2] - 2
     if not (0 <= i < rows and 0 <= j < cols):
         return -np.inf
-    if int(squares[:, i + 1, j + 1].min()) - 1 >= max_distance:
+    edge = np.int64(squares[0, i + 1, j + 1])
+    for quadrant in range(1, 4):
+        edge = min(edge, np.int64(squares[quadrant, i + 1, j + 1]))
+    if edge - 1 >= max_distance:
         return max_distance
     min_square = max_distance * max_distance
     for r in range(max(0, int(row - max_distance)), min(rows, int(row + max_distance) + 1)):
