@@ -272,13 +272,13 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
     """
     try:
         content = parse_json(read_text(check_file_path("a file of settings", path), MAX_JSON_BYTES))
+        if isinstance(content, dict) and {"config", "version"} <= content.keys():
+            check_file_stamp(path, content, KIND, VERSION)  # older files have no version
     except LocplanError as error:
         raise ConfigError(str(error)) from None
     except ValueError:
         raise ConfigError(f"{path}: is no JSON; locplan.save_config writes such a file") from None
     settings = content.get("config", content) if isinstance(content, dict) else None
-    if settings is not content and "version" in content:  # older files have none
-        check_file_stamp(path, content, KIND, VERSION)
     if not isinstance(settings, dict):
         raise ConfigError(f'{path}: must hold settings of a field, or them as its "config"')
     try:
