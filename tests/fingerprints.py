@@ -224,7 +224,7 @@ class Tolerance(NamedTuple):
 
 
 ROUNDING = Tolerance(1e-7)
-"""Tolerance of numbers; covariances of `Fisher` invert nearly singular matrices."""
+"""Tolerance of numbers. Normals of walls have single precision, and so a last bit of 6e-8."""
 TOLERANCES = {
     "field": ROUNDING,
     "costs": ROUNDING,
