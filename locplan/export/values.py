@@ -118,7 +118,8 @@ def compute_speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[n
     reach = min(round(lead / costs.grid.resolution), max(costs.grid.shape))
     around = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
     widened = cv2.dilate(speed_loss.astype(np.uint8), around.astype(np.uint8))
-    return np.where(is_known, np.minimum(widened, 99), -1).astype(np.int8)  # 100 means full speed
+    values = np.minimum(widened, 99).astype(np.int8)  # 100 means full speed
+    return np.where(is_known, values, -1)
 
 
 def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
