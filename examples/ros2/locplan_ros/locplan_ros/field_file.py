@@ -28,6 +28,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+VERSION = 1
+"""Newest version of locplan's field files that this package reads."""
 FREE = 254
 """Level of free cells in a file's "cells"."""
 MAX_BYTES = 2**32
@@ -68,6 +70,7 @@ class FieldFile:
                 names = ('covariance', 'u_map', 'cells', 'about')
                 covariance, u, cells, text = (arrays[name] for name in names)
             about = json.loads(str(text))
+            version = int(about['version'])
             x, y, yaw = (float(value) for value in about['origin'])
             resolution = float(about['resolution'])
             stride = max(1, round(float(about['config']['stride']) / resolution))
@@ -75,6 +78,11 @@ class FieldFile:
             raise ValueError(
                 f'{path!r} is no field: {error}; write one by locplan field MAP.yaml -o field.npz'
             ) from error
+        if version > VERSION:
+            raise ValueError(
+                f'{path!r} is of a newer locplan (version {version} of a field, this node reads '
+                f'{VERSION}); update locplan_ros'
+            )
         return cls(covariance, u, cells == FREE, resolution, (x, y, yaw), stride)
 
     def at(self, x: float, y: float, heading: float | None = None) -> tuple[float, np.ndarray]:

@@ -21,7 +21,12 @@ from locplan_ros.field_file import FieldFile, FREE
 import numpy as np
 import pytest
 
-ABOUT = {'origin': [2.0, -1.0, 0.0], 'resolution': 0.5, 'config': {'stride': 1.0}}
+ABOUT = {
+    'version': 1,
+    'origin': [2.0, -1.0, 0.0],
+    'resolution': 0.5,
+    'config': {'stride': 1.0},
+}
 """The metadata that locplan writes, as far as the reader needs it."""
 
 
@@ -109,3 +114,9 @@ def test_missing_file_is_refused(tmp_path):
     """The error names the file."""
     with pytest.raises(ValueError, match=r'gone\.npz'):
         FieldFile.load(str(tmp_path / 'gone.npz'))
+
+
+def test_file_of_newer_locplan_is_refused(load):
+    """Its arrays may mean something else."""
+    with pytest.raises(ValueError, match='update locplan_ros'):
+        load(about=json.dumps(dict(ABOUT, version=2)))
