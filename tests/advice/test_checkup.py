@@ -70,7 +70,7 @@ def solid():
     return check(blocks(), UNTUNED, AISLES, effort="quick")
 
 
-def test_check_has_nothing_to_do_for_tuned_robot(fine):
+def test_check_recommends_nothing_for_tuned_robot(fine):
     assert fine.is_fine
     assert fine.recommended == ()
     assert fine.fixed_scenario is fine.scenario or fine.fixed_scenario.paths == fine.scenario.paths
@@ -80,13 +80,13 @@ def test_check_has_nothing_to_do_for_tuned_robot(fine):
 
 
 @pytest.mark.parametrize("columns", [58, 64, 71, 80])
-def test_figures_stay_in_one_line_with_their_intervals(solid, monkeypatch, columns):
+def test_report_keeps_intervals_on_one_line(solid, monkeypatch, columns):
     monkeypatch.setenv("COLUMNS", str(columns))
     for line in solid.report().splitlines():
         assert not re.match(r"%|\[\d|\d+\]", line)
 
 
-def test_routes_lead_between_all_pairs_of_stations(fine):
+def test_routes_join_all_station_pairs(fine):
     assert [each.name for each in fine.routes] == ["door to desk", "door to shelf", "desk to shelf"]
     for each in fine.routes:
         start, goal = each.name.split(" to ")
@@ -102,14 +102,15 @@ def test_repaired_map_helps_against_solid_walls(solid):
     assert solid.fixed_scenario.world is solid.scenario.world
 
 
-def test_places_where_the_map_misleads_name_its_fault(solid):
+def test_weak_spots_name_map_fault(solid):
     alone = [each for each in solid.spots if not each.rings and not each.stopped]
     assert alone
     assert {each.missing for each in alone} == {"the map is wrong (solid walls)"}
 
 
 @pytest.mark.long
-def test_a_mended_map_for_the_filter_is_checked_and_not_advised_again(solid, tmp_path):
+def test_check_accepts_repaired_filter_map(solid, tmp_path):
+    """The repair is not recommended again."""
     own = solid.fixed_scenario.filter_map
     found = check(blocks(), UNTUNED, AISLES, effort="quick", filter_map=own)
     assert found.baseline.lost.high < solid.baseline.lost.low
@@ -121,7 +122,7 @@ def test_a_mended_map_for_the_filter_is_checked_and_not_advised_again(solid, tmp
     )
 
 
-def test_cheaper_fix_comes_first_if_losses_are_equal(solid):
+def test_equal_losses_put_cheaper_fix_first(solid):
     map_alone = solid.fixes[0]
     assert map_alone.kind == "map"
     for each in solid.fixes[1:]:
@@ -130,7 +131,7 @@ def test_cheaper_fix_comes_first_if_losses_are_equal(solid):
 
 
 @pytest.mark.long
-def test_lower_error_alone_is_an_option_if_error_is_small():
+def test_small_error_makes_fix_optional():
     """A robot with an error below 0.1 m needs no other settings."""
     changes = {name: 0.2 for name in TUNED_FILTER if name.startswith("alpha")}
     found = check(furnished_room(), ROBOT.with_settings(changes), CORNERS, effort="quick")
@@ -165,7 +166,7 @@ def test_losing_route_names_its_weak_spots(solid):
     assert sum(each.lost for each in solid.spots) == sum(len(each.lost_at) for each in losing)
 
 
-def test_spots_where_most_drives_fail_come_first(solid, two_corridors_at_its_worst):
+def test_weak_spots_are_sorted_by_failures(solid, two_corridors_at_its_worst):
     for found in (solid, two_corridors_at_its_worst):
         failed = [each.lost + each.stopped for each in found.spots]
         assert failed == sorted(failed, reverse=True)
@@ -177,7 +178,7 @@ def test_spots_where_most_drives_fail_come_first(solid, two_corridors_at_its_wor
 
 
 @pytest.mark.long
-def test_wide_hall_has_one_letter_on_route():
+def test_wide_hall_has_single_weak_spot():
     cells = np.full((300, 300), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     hall = OccupancyGrid(cells, 0.1, name="hall")
@@ -188,7 +189,7 @@ def test_wide_hall_has_one_letter_on_route():
     assert wide.routes
 
 
-def test_weak_spots_are_long_corridors_along_which_no_feature_is(two_corridors_at_its_worst):
+def test_weak_spot_is_featureless_corridor(two_corridors_at_its_worst):
     first = two_corridors_at_its_worst.spots[0]
     assert first.letter == "A"
     assert first.length > 10 > first.width
@@ -199,7 +200,7 @@ def test_weak_spots_are_long_corridors_along_which_no_feature_is(two_corridors_a
 
 
 @pytest.mark.long
-def test_weak_spots_lie_where_routes_can_pass():
+def test_weak_spots_are_reachable():
     """A strip between a drawn frame and the edge of the image is wide and featureless."""
     cells = np.full((100, 240), FREE, np.uint8)
     cells[20:80:59, 20:220] = cells[20:80, 20:220:199] = OCCUPIED
@@ -224,7 +225,7 @@ def test_long_routes_are_driven_less_often():
 
 
 @pytest.mark.long
-def test_fixes_that_do_not_lead_are_stopped():
+def test_fix_without_gain_is_driven_less():
     robot = ROBOT.with_settings({**UPDATES, "laser_max_range": 5.9})
     found = check(furnished_room(), robot, CORNERS, effort="quick")
     (longer_range,) = found.fixes
@@ -243,7 +244,7 @@ def test_full_range_helps_against_limited_one():
     assert found.fixed_scenario.robot.amcl.laser_max_range >= 12.0
 
 
-def test_threshold_helps_if_walls_are_dark_grey(tmp_path):
+def test_threshold_repair_finds_dark_grey_walls(tmp_path):
     save_map(furnished_room(), tmp_path / "room.yaml")
     image = tmp_path / "room.pgm"
     image.write_bytes(image.read_bytes().replace(b"\x00", b"\x70"))
@@ -258,7 +259,7 @@ def test_threshold_helps_if_walls_are_dark_grey(tmp_path):
 
 
 @pytest.mark.long
-def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine, tmp_path, monkeypatch):
+def test_check_ignores_thread_count(fine, tmp_path, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))  # where nothing was driven yet
     again = check(
         furnished_room(), ROBOT.with_settings(UPDATES), CORNERS, effort="quick", threads=1
@@ -267,7 +268,7 @@ def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine, tmp_path,
 
 
 @pytest.mark.parametrize("columns", ["80", "120"])
-def test_output_is_short_and_names_all_fixes(
+def test_report_is_short_and_names_fixes(
     solid, two_corridors_at_its_worst, fine, monkeypatch, columns
 ):
     monkeypatch.setenv("COLUMNS", columns)
@@ -284,7 +285,7 @@ def test_output_is_short_and_names_all_fixes(
     assert "repaired map" in solid.report()
 
 
-def test_check_reports_how_closed_loop_drives_fail(solid):
+def test_check_reports_closed_loop_failures(solid):
     failing = [route for route in solid.routes if route.rates.reached.value < 1]
     assert failing
     for route in failing:
@@ -311,7 +312,8 @@ def walls_with_gap(width):
     return OccupancyGrid(cells, 0.05, name="gap")
 
 
-def test_narrow_passage_gets_footprint_advice_and_no_fix(tmp_path):
+def test_narrow_passage_gets_footprint_advice(tmp_path):
+    """No fix helps there."""
     robot = ROBOT.with_settings({**UPDATES, "footprint": 0.2, "margin": 0.0})
     found = check(walls_with_gap(9), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
     assert found.baseline.reached.high < 1
@@ -327,7 +329,7 @@ def test_narrow_passage_gets_footprint_advice_and_no_fix(tmp_path):
     assert (wider.passage, wider.baseline.reached.value) == (None, 1.0)
 
 
-def test_failing_routes_come_first_and_are_marked(solid, two_corridors_at_its_worst, monkeypatch):
+def test_failing_routes_come_first(solid, two_corridors_at_its_worst, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
     for found in (solid, two_corridors_at_its_worst):
         fails = [route.rates.has_failure for route in found.routes]
@@ -356,7 +358,7 @@ def test_places_where_robots_stop_have_letters(solid):
     assert sum(bool(spot.letter) for spot in solid.spots) <= 6
 
 
-def test_labels_of_the_picture_stand_on_no_other(solid):
+def test_figure_labels_do_not_overlap(solid):
     axes = solid.figure().axes[0]
     at = np.array([each.get_position() for each in axes.texts])
     assert len(at) > len(solid.spots[:6])
@@ -365,7 +367,8 @@ def test_labels_of_the_picture_stand_on_no_other(solid):
         assert (np.abs(at[n + 1 :] - one).max(axis=1) >= size).all()
 
 
-def test_where_nothing_helps_the_next_action_can_be_done(solid):
+def test_next_action_is_always_possible(solid):
+    """If no fix helps, it is a recording or a longer check."""
     usual = dataclasses.replace(solid, recommended=(), confirmation=None, effort="usual")
     assert usual.report().splitlines()[-1].startswith("  ros2 bag record ")
     quick = dataclasses.replace(usual, effort="quick")
@@ -384,7 +387,7 @@ def test_check_reports_findings_before_drives_end(watched):
     assert any(count == 2 for count, _, _ in watched.steps)
 
 
-def test_check_writes_and_names_files_of_fixes(solid, tmp_path):
+def test_check_saves_files_of_fixes(solid, tmp_path):
     solid.save(tmp_path)
     assert solid.describe_fix_files()
     pages = "report.html", "check.json", "check.png", "check.csv"
@@ -396,7 +399,7 @@ def test_check_writes_and_names_files_of_fixes(solid, tmp_path):
     assert str(tmp_path) in solid.report(tmp_path)
 
 
-def test_the_commands_put_all_that_is_recommended_in_force(two_corridors_at_its_worst, tmp_path):
+def test_next_commands_apply_recommended_fixes(two_corridors_at_its_worst, tmp_path):
     params = tmp_path / "mine.yaml"
     params.write_text("amcl: {ros__parameters: {alpha1: 2.0, laser_max_range: 6.0}}\n")
     save_map(furnished_room(), tmp_path / "lab.yaml")
@@ -432,7 +435,7 @@ def test_check_writes_one_file_of_several(two_corridors_at_its_worst, tmp_path, 
     assert locplan.robots.nav2.read_amcl(merged).update_min_d == 0.1
 
 
-def test_masks_stations_in_walls_and_unknown_efforts_are_refused(tmp_path):
+def test_check_rejects_bad_arguments(tmp_path):
     with pytest.raises(locplan.LocplanError, match=r"station|route 'a to b'|blocked|occupied"):
         check(furnished_room(), ROBOT, {"a": (1.0, 1.0), "b": (2.2, 2.7)}, effort="quick")
     with pytest.raises(locplan.LocplanError, match="quick, usual, thorough"):
@@ -445,12 +448,12 @@ def test_masks_stations_in_walls_and_unknown_efforts_are_refused(tmp_path):
 @pytest.mark.parametrize(
     "text", ["lost", "lost > five", "speed > 3", "lost > 5", "error > 5%", "faults > 2m", ""]
 )
-def test_nonsense_is_no_limit(text):
+def test_limit_rejects_nonsense(text):
     with pytest.raises(locplan.LocplanError, match=r"limit must be|not in|is a share"):
         CheckLimit.parse(text)
 
 
-def test_a_limit_fails_where_the_whole_interval_is_beyond_it(fine):
+def test_limit_fails_beyond_whole_interval(fine):
     low, high = fine.baseline.lost.low, fine.baseline.lost.high
     assert (low, CheckLimit.parse("lost > 0%").fails(fine)) == (0, False)
     assert CheckLimit.parse(f"lost < {100 * high + 1:.0f}%").fails(fine)
@@ -460,7 +463,7 @@ def test_a_limit_fails_where_the_whole_interval_is_beyond_it(fine):
     assert not CheckLimit.parse("error > 1 m").fails(fine)
 
 
-def test_check_command_ends_in_code_4_beyond_limit(run, tmp_path, monkeypatch):
+def test_check_exits_with_4_beyond_limit(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_map(furnished_room(), tmp_path / "room.yaml")
     (tmp_path / "stations.csv").write_text("name,x,y\ndoor,1,1\ndesk,7,1\n")
@@ -476,14 +479,14 @@ def test_check_command_ends_in_code_4_beyond_limit(run, tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder refuses root")
-def test_a_folder_that_takes_no_file_is_refused_before_the_first_drive(run, tmp_path):
+def test_check_rejects_unwritable_folder_early(run, tmp_path):
     save_map(furnished_room(), tmp_path / "room.yaml")
     error = "locplan: error: /proc: cannot be written; choose another folder\n"
     assert run("check", tmp_path / "room.yaml", "-o", "/proc/report") == (2, "", error)
 
 
 @pytest.mark.long
-def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
+def test_recording_shows_false_walls_of_map(monkeypatch):
     drive = locplan.recordings.read_recording(FILE)
     office = locplan.load_map(Path(__file__).parents[2] / "maps" / "office.yaml")
     cells = office.cells.copy()
@@ -508,7 +511,8 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
 
 
 @pytest.mark.long
-def test_check_runs_no_filter_if_map_does_not_fit_recorded_drive():
+def test_check_skips_filter_if_map_misfits():
+    """The recorded drive is from another building."""
     drive = locplan.recordings.read_recording(FILE)
     found = check(
         furnished_room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick"

@@ -18,7 +18,7 @@ ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
 
 
 @pytest.mark.long
-def test_threshold_helps_if_unknown_grey_is_free(tmp_path):
+def test_threshold_repair_restores_unknown_cells(tmp_path):
     cells = np.full((160, 200), UNKNOWN, np.uint8)
     cells[20:140, 20:180] = furnished_room().cells
     meant = OccupancyGrid(cells, 0.05, (-1.0, -1.0, 0.0), name="room")
@@ -42,7 +42,7 @@ def driven_round(factor=1.0):
     return dataclasses.replace(drive, poses=drive.poses * [factor, factor, 1.0])
 
 
-def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_path):
+def test_recordings_calibrate_robot_and_resolution(tmp_path):
     wrong = dataclasses.replace(furnished_room(), resolution=0.05 * 1.04)
     drive = driven_round(1.04)
     found = check(wrong, ROBOT, {"a": (1.0, 1.0), "b": (7.0, 1.0)}, [drive, drive], effort="quick")
@@ -66,7 +66,7 @@ def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_pat
 
 
 @pytest.mark.long
-def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
+def test_check_saves_mask_for_better_paths(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
     poor = {"distance_drift": 0.1, "distance_bias": 0.1, "heading_drift_deg": 3.0}
     ways = [((2.0, 3.0), (38.0, 3.0))]
@@ -91,7 +91,7 @@ def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
 
 
 @pytest.mark.long
-def test_check_recommends_poles_in_a_corridor():
+def test_check_recommends_poles_in_corridor():
     cells = np.full((24, 300), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1, name="corridor")

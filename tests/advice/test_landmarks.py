@@ -67,7 +67,7 @@ def placed(hallway):
     return place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE)
 
 
-def test_poses_that_no_memory_holds_are_refused(hallway, monkeypatch):
+def test_place_landmarks_rejects_insufficient_memory(hallway, monkeypatch):
     monkeypatch.setattr(checks, "get_usable_memory", lambda: 1000)
     with pytest.raises(ConfigError, match=r"poses with \d+ rays take .* take shorter routes"):
         place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE)
@@ -77,7 +77,7 @@ def test_poses_that_no_memory_holds_are_refused(hallway, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", [Pole(0.5), Box(0.9, 0.4)])
-def test_an_object_fills_the_cells_whose_centre_lies_within_it(kind):
+def test_object_covers_cells_by_centre(kind):
     row, col, heading, edge = 20.3, 17.8, 0.5, 0.1
     grid = OccupancyGrid(np.full((40, 40), FREE, np.uint8), edge)
     rows, cols = find_covered_cells(grid, kind, np.array([col * edge, row * edge, heading]))
@@ -93,7 +93,7 @@ def test_an_object_fills_the_cells_whose_centre_lies_within_it(kind):
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.4, 1.2, 2.5])
-def test_a_thin_board_lets_no_ray_through(heading):
+def test_thin_board_blocks_all_rays(heading):
     grid = mark_objects(open_floor(), Box(2.0, 0.02), [(6.0, 4.0, heading)])
     squares = compute_empty_squares(grid.cells == OCCUPIED)
     for share in np.linspace(-0.9, 0.9, 37):
@@ -103,7 +103,8 @@ def test_a_thin_board_lets_no_ray_through(heading):
         assert 0.8 < at * 0.1 < 1.05
 
 
-def test_objects_stand_in_the_world_also_where_the_map_is_turned():
+def test_object_poses_are_in_world_frame():
+    """The map is turned."""
     grid = dataclasses.replace(open_floor(), origin=(3.0, -2.0, 0.7))
     marked = mark_objects(grid, Box(1.0, 0.4), [(*grid.position(30, 50), 0.7)])
     rows, cols = np.nonzero((marked.cells == OCCUPIED) & grid.free)
@@ -111,12 +112,12 @@ def test_objects_stand_in_the_world_also_where_the_map_is_turned():
     assert (rows.mean(), cols.mean()) == pytest.approx((30, 50), abs=0.5)
 
 
-def test_objects_at_the_edge_of_the_map_are_cut_off():
+def test_objects_are_clipped_at_map_edge():
     assert (mark_objects(open_floor(), Pole(2.0), [(0.0, 0.0), (-50, 3)]).cells == OCCUPIED).any()
 
 
 @pytest.mark.parametrize("text", ["pole:", "pole:x", "pole:0.1,0.2", "box:1", "cone:2", "box:1,-1"])
-def test_what_is_no_object_is_refused(text):
+def test_parse_object_rejects_bad_text(text):
     if text == "pole:":
         assert parse_object(text) == Pole()
         return
@@ -145,7 +146,8 @@ def tried(grid, kind, route, robot=DRIVEN, zones=None):
         are_rows=True,
     ),
 )
-def test_places_along_walls_are_clear_of_them_and_turned_as_they_are(angle, kind):
+def test_wall_places_align_with_walls(angle, kind):
+    """They also keep a small clearance."""
     grid = corridor(12.0, 3.0, angle=angle)
     ends = np.outer([-5.0, 5.0], [math.cos(angle), math.sin(angle)])
     kept = tried(grid, kind, ends).search.places
@@ -161,7 +163,8 @@ def test_places_along_walls_are_clear_of_them_and_turned_as_they_are(angle, kind
     assert apart.min() > 0.3
 
 
-def test_free_places_have_clearance_and_a_long_object_is_tried_both_ways():
+def test_free_places_try_both_orientations():
+    """A pole needs one orientation only."""
     cells = open_floor().cells.copy()
     cells[30:34, 50:54] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)
@@ -179,7 +182,7 @@ def test_free_places_have_clearance_and_a_long_object_is_tried_both_ways():
 
 
 @pytest.mark.parametrize(("turn", "corners"), [(0.0, 2), (0.8, 500)])
-def test_places_beside_routes_are_as_near_as_allowed(turn, corners):
+def test_route_places_keep_smallest_clearance(turn, corners):
     grid = dataclasses.replace(open_floor(), origin=(1.0, 2.0, turn))
     cols = np.linspace(20.0, 100.0, corners)
     line = np.column_stack(grid.grid_to_world(np.full(corners, 40.0), cols))
@@ -210,20 +213,20 @@ def passages_of(grid, kind, radius, route=((1.0, 1.0), (1.5, 1.0))):
     return tried(grid, kind, np.array(route), robot).search.robot_space
 
 
-def test_what_would_close_a_door_is_refused():
+def test_search_rejects_object_closing_door():
     passages = passages_of(DOOR, Pole(0.3), 0.25)
     assert passages.is_cut_by(np.array([6.0, 10.5, 0.0]))
     assert not passages.is_cut_by(np.array([3.0, 4.0, 0.0]))
 
 
-def test_the_clearance_counts_only_where_the_robot_had_it():
+def test_narrow_door_needs_no_clearance():
     # with the clearance the door is closed anyway
     narrow = passages_of(DOOR, Pole(0.2), 0.25, ((1.25, 1.25), (1.5, 1.25)))
     assert narrow.is_cut_by(np.array([6.0, 10.5, 0.0]))
     assert not narrow.is_cut_by(np.array([6.0, 15.0, 0.0]))
 
 
-def test_two_objects_may_close_what_one_leaves_open():
+def test_two_objects_close_passage_together():
     grid = open_floor(30, 120)  # 2.8 m wide
     low, high = np.array([9.0, 60.0, 0.0]), np.array([21.0, 60.0, 0.0])
     passages = passages_of(grid, Pole(0.4), 0.3)
@@ -235,13 +238,13 @@ def test_two_objects_may_close_what_one_leaves_open():
     assert not other.is_cut_by(high)
 
 
-def test_a_pocket_is_no_passage():
+def test_pocket_is_no_passage():
     passages = passages_of(open_floor(60, 60), Pole(0.4), 0.3)
     assert not passages.is_cut_by(np.array([8.8, 8.8, 0.0]))
 
 
 @pytest.mark.parametrize("unknown", [False, True])
-def test_no_object_reaches_beyond_the_map_or_into_what_is_unknown(unknown):
+def test_objects_stay_within_known_map(unknown):
     cells = np.full((80, 100), FREE, np.uint8)
     cells[:, 60:] = UNKNOWN if unknown else FREE
     grid, edge = OccupancyGrid(cells, 0.1), 6.0 if unknown else 10.0
@@ -254,7 +257,8 @@ def test_no_object_reaches_beyond_the_map_or_into_what_is_unknown(unknown):
     assert ((wide <= x) & (x <= edge - wide) & (high <= y) & (y <= 8.0 - high)).all()
 
 
-def test_an_object_that_closes_the_gap_of_a_view_is_seen_on_both_sides():
+def test_object_across_view_gap_is_seen():
+    """Rays at both ends of the field of view meet it."""
     grid, kind = open_floor(), Box(1.0, 0.1)
     lidar = Lidar(range=3.0, field_of_view_deg=300.0)
     made = tried(grid, kind, np.array([[6.0, 4.0], [6.5, 4.0]]), Robot(lidar, filter=PRODUCT))
@@ -285,7 +289,7 @@ def test_boxes_are_apart_by_their_outlines(hallway):
     assert (apart[along] > 1.05).any()
 
 
-def test_no_object_stands_in_no_go_zone(hallway):
+def test_objects_avoid_no_go_zones(hallway):
     grid = dataclasses.replace(open_floor(), origin=(0.0, 0.0, math.pi / 2))
     route = np.array([[-2.5, 2.0], [-2.5, 7.0]])
     everywhere = positions_of(tried(grid, Pole(0.1), route))
@@ -300,7 +304,7 @@ def test_no_object_stands_in_no_go_zone(hallway):
         tried(hallway, Pole(0.2), ROUTE["middle"], zones=no_go((0, -1, 0.1, 1)))
 
 
-def test_routes_between_places_keep_out_of_no_go_zones():
+def test_routes_avoid_no_go_zones():
     zones = no_go((2.0, 1.0, 4.0, 5.2))
     places = {"a": (1.0, 5.0), "b": (5.0, 5.0)}
     made = place_landmarks(open_floor(), Pole(0.1), 1, places=places, robot=DRIVEN, zones=zones)
@@ -351,7 +355,7 @@ OUTLINES = [kernels.ObjectOutline(0.15, 0.15, True), kernels.ObjectOutline(0.4, 
 
 @pytest.mark.parametrize("outline", OUTLINES)
 @pytest.mark.parametrize(("least", "view"), [(0.0, 360.0), (0.6, 200.0), (0.0, 90.0)])
-def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
+def test_object_information_equals_plain_loop(outline, least, view):
     grid, rays = small_scene(least, view)
     occupied = grid.cells == OCCUPIED
     normals = find_surface_normals(occupied)
@@ -392,7 +396,7 @@ def sightings_of(hits, rays, outline, places):
 
 
 @pytest.mark.parametrize("outline", OUTLINES)
-def test_the_objective_is_that_of_plain_matrices(outline):
+def test_objective_equals_plain_matrices(outline):
     grid, rays = small_scene()
     normals = find_surface_normals(grid.cells == OCCUPIED)
     routes, told = np.array([0, 3, 4]), ways.BeamSensing(2.0, 0.03)
@@ -415,7 +419,7 @@ def test_the_objective_is_that_of_plain_matrices(outline):
         assert value == pytest.approx((wanted[:, 0, 0] + wanted[:, 1, 1]).mean(), rel=1e-4)
 
 
-def test_a_ray_from_within_an_object_meets_nothing():
+def test_ray_inside_object_meets_nothing():
     for outline in OUTLINES:
         assert (
             kernels.intersect_object(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0]
@@ -430,7 +434,8 @@ def seen_by(robot):
     return made.search.sight.route_views
 
 
-def test_a_hit_counts_some_22_times_less_for_a_likelihood_field_where_all_beams_hit():
+def test_likelihood_field_discounts_many_hits():
+    """A hit counts about 22 times less if all beams hit."""
     six = Lidar(range=6.0)
     product, summed = seen_by(Robot(six, filter=PRODUCT)), seen_by(Robot(six))
     rays = product.rays.beams
@@ -441,20 +446,21 @@ def test_a_hit_counts_some_22_times_less_for_a_likelihood_field_where_all_beams_
     assert 20 < ratio < 24
 
 
-def test_far_beams_count_less_the_more_the_filters_heading_errs():
+def test_heading_error_discounts_far_beams():
     swing = [seen_by(Robot(SHORT, filter=amcl)).rays.swing for amcl in (PRODUCT, Amcl())]
     assert swing[0] == pytest.approx(2 * 0.2 * 0.25**2 / 0.4**2)
     assert swing[1] == pytest.approx(3 * swing[0])
     assert seen_by(Robot(SHORT, filter=Amcl(alpha2=0.0))).rays.swing == 0
 
 
-def test_two_rays_meet_an_object_at_the_lidars_full_range():
+def test_rays_are_dense_enough_for_objects():
+    """Two rays meet a pole at the lidar's full range."""
     rays = seen_by(Robot(Lidar(range=25.0))).rays
     assert rays.beams > 360
     assert 25.0 * rays.step <= 0.2 / 2  # a pole of 0.2 m
 
 
-def test_the_motion_is_the_filters():
+def test_motion_noise_equals_filter_settings():
     slow = Robot(SHORT).with_settings({"alpha3": 0.1, "update_min_d": 0.5, "distance_drift": 0.0})
     assert seen_by(slow).motion.along == pytest.approx(0.05)
     assert seen_by(Robot(SHORT, filter=Amcl(alpha2=0.4))).motion.turn == pytest.approx(
@@ -465,7 +471,7 @@ def test_the_motion_is_the_filters():
 # The search
 
 
-def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
+def test_objective_predicts_value_of_placed_object(placed):
     objective = placed.search.sight
     objective.place_objects(np.arange(0))
     values = objective.compute_objectives(np.arange(5))
@@ -474,7 +480,7 @@ def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
         assert objective.compute_objective() == pytest.approx(values[n], rel=1e-6)
 
 
-def test_each_place_is_the_best_beside_those_before(placed):
+def test_greedy_search_picks_best_places(placed):
     search, chosen = placed.search, []
     for n in range(3):
         search.sight.place_objects(np.array(chosen, np.int64))
@@ -490,19 +496,19 @@ def test_each_place_is_the_best_beside_those_before(placed):
     assert 1 <= placed.n_useful <= 3
 
 
-def test_landmarks_do_not_depend_on_the_threads(hallway, placed):
+def test_landmarks_ignore_thread_count(hallway, placed):
     again = place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE, threads=3)
     assert (again.poses == placed.poses).all()
 
 
-def test_landmarks_leave_the_route_and_each_other_alone(placed):
+def test_landmarks_keep_clear_of_route(placed):
     assert (np.abs(placed.poses[:, 1]) - 0.1 >= 0.25 + 0.2).all()
     apart = np.hypot(*(placed.positions[:, None] - placed.positions[None]).transpose(2, 0, 1))
     assert (apart[~np.eye(3, dtype=bool)] > 0.25).all()
     assert (placed.grid.cells == OCCUPIED).sum() > (placed.setting.grid.cells == OCCUPIED).sum()
 
 
-def test_a_map_with_a_yaw_has_the_same_places_in_the_world(hallway):
+def test_landmarks_turn_with_map_yaw(hallway):
     yaw, lidar = 0.7, Lidar(range=3.0, field_of_view_deg=200.0, mount_x=0.2, mount_yaw_deg=17.0)
     cos, sin = math.cos(yaw), math.sin(yaw)
     turn = np.array([(cos, sin), (-sin, cos)])  # rows times this are turned counter-clockwise
@@ -520,7 +526,7 @@ def test_a_map_with_a_yaw_has_the_same_places_in_the_world(hallway):
     assert (other.grid.cells == plain.grid.cells).all()
 
 
-def test_what_two_close_together_is_refused_beside_the_first(hallway):
+def test_search_rejects_pair_closing_passage(hallway):
     route, kind = {"left": np.array([[-6.0, 0.0], [-3.0, 0.0]])}, Box(0.6, 0.9)
     made = place_landmarks(hallway, kind, 2, paths=route, robot=DRIVEN)
     search, at = made.search, positions_of(made)
@@ -534,7 +540,7 @@ def test_what_two_close_together_is_refused_beside_the_first(hallway):
     assert locplan.plan(costs, (-6, 0), (6, 0)).path
 
 
-def test_places_at_random_close_no_passage_either(hallway):
+def test_random_places_keep_passages_open(hallway):
     made = tried(hallway, Box(0.6, 0.5), ROUTE["middle"])
     search, costs = made.search, []
     for seed in range(5):
@@ -556,7 +562,7 @@ def test_places_are_joined_by_shortest_paths(hallway):
     assert verify_landmarks(made, 2, random_sets=1).after.n_drives == 6
 
 
-def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
+def test_error_explains_lack_of_places(hallway):
     with pytest.raises(LocplanError, match="in a no-go zone"):
         place_landmarks(
             hallway,
@@ -603,7 +609,7 @@ def test_landmarks_are_verified_by_drives(placed, verification):
     assert again.table() == verification.table()
 
 
-def test_verification_of_clear_route_loses_no_drive():
+def test_verification_reports_route_without_losses():
     grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     route = {"room": np.array([[2.0, 3.0], [5.0, 3.0]])}
     made = place_landmarks(grid, Pole(0.2), 1, paths=route)
@@ -637,7 +643,7 @@ NONE = "no drive was lost to begin with"
         ((0.5, 0.3), (0.4, 0.3), f"no difference: 50% {SOME} 40% after"),
     ],
 )
-def test_verification_has_the_verdict_of_its_pairs(before, after, verdict):
+def test_verification_equals_verdict_of_pairs(before, after, verdict):
     sets = driven_with(*before, 0.1), driven_with(*after, -0.1)
     driven = Verification(*sets, None, {}, 1)
     assert driven.verdict.startswith(verdict)
@@ -646,7 +652,7 @@ def test_verification_has_the_verdict_of_its_pairs(before, after, verdict):
     assert driven.comparison == compare_drives(*pairs)
 
 
-def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
+def test_sightings_equal_shortened_rays():
     grid, rays = small_scene()
     hits = hits_on(grid, rays)
     rows, cols = np.nonzero(grid.free)
@@ -665,7 +671,8 @@ def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
                 assert {within[0], within[-1]} <= set(shorter)
 
 
-def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
+def test_replanning_keeps_user_paths(hallway):
+    """Only shortest paths between places are planned again."""
     bent = np.array([[-6.0, 0.0], [-3.0, 0.5], [0.0, -0.5], [6.0, 0.0]])
     made = place_landmarks(hallway, Pole(0.2), 1, paths={"bent": bent}, robot=DRIVEN)
     assert not made.setting.is_planned
@@ -680,7 +687,7 @@ def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
 # Reports and the command
 
 
-def test_the_figure_is_drawn(placed, verification, tmp_path):
+def test_figure_title_states_verdict(placed, verification, tmp_path):
     for name, given in (("without", None), ("with", verification)):
         file = tmp_path / f"{name}.png"
         figure = landmarks_figure(placed, given)
@@ -692,7 +699,7 @@ def test_the_figure_is_drawn(placed, verification, tmp_path):
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(30, 200), (90, 100), (100, 100), (300, 30)])
-def test_maps_fill_their_part_of_a_figure(placed, rows, cols):
+def test_maps_fill_figure(placed, rows, cols):
     grid = open_floor(rows, cols)
     route = {"middle": Path([(0.5, 0.5), (0.1 * cols - 0.5, 0.1 * rows - 0.5)])}
     setting = dataclasses.replace(placed.setting, grid=grid, routes=route)
@@ -719,7 +726,7 @@ def test_report_shows_positions_of_poles_first(placed, verification):
     assert "heading" in placed.table().names
 
 
-def test_the_table_tells_how_many_landmarks_pay(placed):
+def test_report_names_useful_landmark_count(placed):
     few = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.249]))
     advice = "From number 3 on, each lowers the expected deviation by less than 5 %: 2 may do."
     assert advice in few.report()
@@ -730,7 +737,7 @@ def test_the_table_tells_how_many_landmarks_pay(placed):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_placement_is_saved_with_outlines_and_sizes(placed, tmp_path):
+def test_saved_landmarks_have_outlines_and_sizes(placed, tmp_path):
     placed.save(tmp_path)
     made = json.loads((tmp_path / "landmarks.geojson").read_text())["features"]
     about = [each["properties"] for each in made]
@@ -746,7 +753,7 @@ def test_a_placement_is_saved_with_outlines_and_sizes(placed, tmp_path):
     assert not (tmp_path / "verification.csv").exists()
 
 
-def test_the_table_has_the_pose_and_what_is_expected_of_each(placed):
+def test_table_lists_poses_and_gains(placed):
     before, after = (f"{placed.expected_deviations[n]:.3g}" for n in (0, 3))
     assert f"3 x {placed.setting.kind.title} in " in repr(placed)
     assert f"expected deviation {before} -> {after})" in repr(placed)
@@ -761,7 +768,7 @@ def test_the_table_has_the_pose_and_what_is_expected_of_each(placed):
         assert (record["gain"], record["expected_deviation"]) == (gain, expected)
 
 
-def test_the_table_of_drives_has_a_row_for_each_map(verification):
+def test_verification_table_lists_worlds(verification):
     none, proposed, random = verification.table().records()
     assert (none["world"], proposed["world"]) == ("none", "proposed")
     assert proposed["rmse_low"] == verification.after.rmse.low
@@ -777,7 +784,7 @@ def map_file(tmp_path, hallway):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
+def test_landmarks_command_writes_places_and_map(run, map_file, tmp_path):
     out = tmp_path / "marked"
     options = [
         "--object",
@@ -814,7 +821,7 @@ def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
     }
 
 
-def test_the_command_takes_places(run, map_file, tmp_path):
+def test_landmarks_command_reads_places_file(run, map_file, tmp_path):
     (tmp_path / "places.csv").write_text("name,x,y\na,-5,0\nb,5,0\n")
     given = ["--places", tmp_path / "places.csv", "--drives", 0]
     code, said, err = run("landmarks", map_file, *given, "--count", 1, "--set", "range=3", "--json")
@@ -836,13 +843,13 @@ def test_the_command_takes_places(run, map_file, tmp_path):
         ["--start", "-60,0", "--goal", "6,0"],
     ],
 )
-def test_the_command_refuses_in_one_line(run, map_file, options):
+def test_landmarks_command_rejects_bad_options(run, map_file, options):
     check_refusal(run("landmarks", map_file, *options))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("count", sample_cases([3]))
-def test_three_poles_keep_the_robot_in_a_bare_corridor(count):
+def test_three_poles_help_in_bare_corridor(count):
     grid = locplan.maps.environments.make("two_corridors")
     route = {"straight": np.array([[2.0, 3.0], [38.0, 3.0]])}
     amcl = Amcl(laser_model_type="likelihood_field_prob")

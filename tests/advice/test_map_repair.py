@@ -23,7 +23,7 @@ def mended():
     return repair(blocks(), paths=2, drives=8)
 
 
-def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
+def test_hollow_map_loses_fewer_drives(mended):
     assert mended.grid == blocks()
     assert mended.filter_map == hollow_walls(blocks())
     (verdict,) = mended.verdicts
@@ -43,7 +43,7 @@ def test_repair_figure_names_lost_drives(mended):
         assert f"\n{share:.0%} of the drives lost, {verdict.filter}" in title
 
 
-def test_the_verdict_is_that_of_drives_with_each_map(mended):
+def test_repair_drives_default_and_robot_filter(mended):
     robot = locplan.Robot().with_settings({"alpha1": 0.05})
     both = repair(blocks(), robot, paths=2, drives=8)
     assert both.verdicts[0] == mended.verdicts[0]
@@ -51,7 +51,7 @@ def test_the_verdict_is_that_of_drives_with_each_map(mended):
     assert both.verdicts[1] != both.verdicts[0]
 
 
-def test_a_map_without_faults_is_not_driven_in(tmp_path):
+def test_repair_skips_drives_without_faults(tmp_path):
     found = repair(ROOM)
     assert (found.n_changed, found.verdicts) == (0, ())
     assert "Nothing to repair" in found.report()
@@ -68,7 +68,8 @@ def test_specks_are_erased_and_walls_stay():
     assert np.array_equal(found.filter_map.cells, walls)
 
 
-def test_nav2_gets_a_second_map_server_with_its_own_manager(mended, tmp_path):
+def test_repair_writes_second_map_server(mended, tmp_path):
+    """It has its own lifecycle manager."""
     mended.save(tmp_path)
     written = load_map(tmp_path / "map_amcl.yaml")
     assert np.array_equal(written.cells, mended.filter_map.cells)
@@ -84,7 +85,7 @@ def test_nav2_gets_a_second_map_server_with_its_own_manager(mended, tmp_path):
     assert '<param name="yaml_filename" value="$(dirname)/map_amcl.yaml"/>' in launch
 
 
-def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
+def test_simulate_suggests_repair_of_solid_walls(tmp_path, run):
     save_map(blocks(), tmp_path / "blocks.yaml")
     save_map(hollow_walls(blocks()), tmp_path / "hollow.yaml")
     words = "--start", "0.8,0.8", "--goal", "3,0.8", "--drives", "2", "--lidar", "turtlebot3"
@@ -95,7 +96,8 @@ def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
     assert (code, err.count("repair")) == (0, 0)
 
 
-def test_the_filters_that_are_concerned_are_named_and_a_beam_model_is_not(mended, tmp_path, run):
+def test_report_names_affected_filters(mended, tmp_path, run):
+    """A beam model needs no repaired map."""
     (line,) = (each for each in mended.report().splitlines() if "helps" in each)
     assert "AMCL, als_ros" in line
     assert "als_ros" not in repair(ROOM).report()
@@ -116,7 +118,7 @@ def test_wrong_numbers_are_refused(tmp_path, run):
     assert not (tmp_path / "mended").exists()
 
 
-def test_mend_says_what_the_file_shows(tmp_path, run):
+def test_repair_recognizes_costmap_file(tmp_path, run):
     pixels = np.full((60, 80), 254, np.uint8)
     pixels[20:30, 20:40] = 253
     pixels[[0, -1]] = pixels[:, [0, -1]] = 50
@@ -133,7 +135,8 @@ def file_of(folder, pixels, thresholds):
     return folder / "lab.yaml"
 
 
-def test_thresholds_are_mended_for_the_filter_and_for_planning(tmp_path, run):
+def test_repair_corrects_thresholds_in_both_maps(tmp_path, run):
+    """One map is for the filter, one for planning."""
     pixels = np.full((60, 80), 254, np.uint8)
     pixels[[0, -1]] = pixels[:, [0, -1]] = pixels[20:24, 20:60] = 110
     lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
@@ -161,7 +164,7 @@ def test_thresholds_are_mended_for_the_filter_and_for_planning(tmp_path, run):
         "occupied_thresh: 0.65\nfree_thresh: 0.65",
     ],
 )
-def test_a_yaml_of_any_style_gets_the_thresholds_that_are_meant(tmp_path, entries):
+def test_threshold_repair_accepts_all_yaml_styles(tmp_path, entries):
     folder = tmp_path / 'of "Anna"'
     folder.mkdir()
     pixels = np.full((60, 80), 1, np.uint8)
@@ -177,7 +180,8 @@ def test_a_yaml_of_any_style_gets_the_thresholds_that_are_meant(tmp_path, entrie
     assert set(read.cells[::-1][40:50, 40:60].flat) == {UNKNOWN}
 
 
-def test_unknown_that_is_read_as_free_is_mended_and_where_none_can_drive_it_is_said(tmp_path, run):
+def test_repair_restores_unknown_cells(tmp_path, run):
+    """The robot fits nowhere, so that nothing is simulated."""
     pixels = np.full((20, 20), 205, np.uint8)
     pixels[5:11, 5:11] = 0
     pixels[6:10, 6:10] = 254

@@ -26,9 +26,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
         [(390, "light"), (1200, "dark"), (390, "dark"), (1200, "light")], 2, are_rows=True
     ),
 )
-def test_the_page_needs_nothing_else_and_fits_its_window(
-    browser: Any, report: Path, width: int, scheme: str
-) -> None:
+def test_report_page_is_self_contained(browser: Any, report: Path, width: int, scheme: str) -> None:
+    """It also fits its window, on a phone and in dark mode."""
     page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
     asked: list[str] = []
     page.on("pageerror", lambda error: asked.append(str(error)))
@@ -59,7 +58,7 @@ def test_the_page_needs_nothing_else_and_fits_its_window(
     page.close()
 
 
-def test_the_rest_is_folded_and_opens(browser: Any, report: Path) -> None:
+def test_report_details_unfold_on_click(browser: Any, report: Path) -> None:
     page = browser.new_page()
     page.goto(report.as_uri())
     robot = page.get_by_text("; effort quick")
@@ -69,7 +68,7 @@ def test_the_rest_is_folded_and_opens(browser: Any, report: Path) -> None:
     page.close()
 
 
-def test_it_prints_on_three_pages_at_most(browser: Any, report: Path) -> None:
+def test_report_fits_on_three_pages(browser: Any, report: Path) -> None:
     page = browser.new_page()
     page.goto(report.as_uri())
     printed = page.pdf(format="A4", prefer_css_page_size=True)

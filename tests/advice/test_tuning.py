@@ -108,7 +108,7 @@ def test_presets_change_only_their_parameters():
     assert {(each.max_beams, each.max_particles) for each in (precise, safe)} == {(90, 60)}
 
 
-def test_preset_with_users_values_is_left_out():
+def test_preset_without_changes_is_dropped():
     assert [*list_applicable_presets(with_preset(Amcl(), PRECISE))] == [SAFE]
     often = Amcl(update_min_d=0.05, update_min_a=0.02)
     assert [*list_applicable_presets(often)] == [PRECISE]
@@ -134,7 +134,7 @@ def test_precise_preset_needs_all_levels():
     assert advice.endswith("To test them on a recorded drive, add `--recording FILE`.")
 
 
-def test_preset_that_harms_at_one_level_is_refused():
+def test_preset_harmful_at_level_is_rejected():
     usual, _ = case_of(BETTER)
     one, _ = case_of(BETTER, (30, 8, 30), "slip", "odometry slips")
     other, _ = case_of(BETTER, (4, 0, 12), "turns", "odometry errs in turns")
@@ -144,7 +144,7 @@ def test_preset_that_harms_at_one_level_is_refused():
     assert [*choice.objections] == [PRECISE, SAFE]
 
 
-def test_preset_must_be_better_at_usual_level():
+def test_preset_needs_gain_at_usual_level():
     usual, _ = case_of((0.2, 0.2, 0.2))
     choice = choose_among(usual)
     assert choice.name == USER_SETTINGS
@@ -154,7 +154,7 @@ def test_preset_must_be_better_at_usual_level():
     assert choice.advise_recording() == ""
 
 
-def test_only_deciding_drives_are_driven_if_asked():
+def test_choice_skips_drives_without_influence():
     usual, _ = case_of(BETTER)
     harmful, _ = case_of(BETTER, (0, 30, 0), "standstill", "odometry stands still")
     later, driven = case_of(BETTER, (0, 0, 0), "slip", "odometry slips")
@@ -177,7 +177,7 @@ def test_only_deciding_drives_are_driven_if_asked():
         ((40, 30, 40), SAFE, [1, 2, 0, 2, 0]),
     ],
 )
-def test_level_ends_as_soon_as_it_is_decided(off, name, driven):
+def test_level_ends_at_first_decision(off, name, driven):
     """Looks are after 16, 32 and 64 drives; places are those of the settings that drive then."""
     usual, _ = case_of(BETTER)
     level, places = case_of(BETTER, off, "slip", "odometry slips")
@@ -187,7 +187,7 @@ def test_level_ends_as_soon_as_it_is_decided(off, name, driven):
     assert drives[PRECISE] == 16 * driven.count(1)
 
 
-def test_choice_states_both_rates_at_hardest_level():
+def test_choice_states_rates_of_hardest_level():
     """Harm that 64 drives cannot prove is visible, with intervals."""
     usual, _ = case_of(BETTER, (1, 40, 2))
     slip, _ = case_of(BETTER, (9, 64, 10), "slip", "odometry slips")
@@ -206,7 +206,7 @@ def test_choice_states_both_rates_at_hardest_level():
     )
 
 
-def test_preset_that_does_not_lead_is_driven_less():
+def test_trailing_preset_is_driven_less():
     (case, places) = case_of((0.2, 0.3, 0.1))
     usual = dataclasses.replace(case, looks=(24, 64))
     choice = choose_among(usual, drives_all=False)
@@ -215,13 +215,13 @@ def test_preset_that_does_not_lead_is_driven_less():
     assert drives == {USER_SETTINGS: 64, PRECISE: 24, SAFE: 64}
 
 
-def test_preset_that_recording_contradicts_is_not_simulated():
+def test_recording_excludes_preset_from_simulation():
     usual, places = case_of(BETTER)
     assert choose_among(usual, recordings=[Recorded((0.2, 0.3, 0.1))]).name == SAFE
     assert 1 not in places
 
 
-def test_preset_may_not_lose_significantly_more_drives():
+def test_preset_with_more_losses_is_rejected():
     """Two drives more are chance, eighteen are not, though the error is smaller."""
     usual, _ = case_of(BETTER, (2, 4, 2))
     assert choose_among(usual).name == PRECISE
@@ -259,7 +259,7 @@ def test_recording_decides_instead_of_levels():
         ((0.2, OFF_ERROR, 0.1), (0.2, 0.2, 0.1), SAFE, "11 of 12 runs are off at the end"),
     ],
 )
-def test_settings_that_fail_on_recording_are_not_used(errors, at_end, name, reason):
+def test_preset_failing_on_recording_is_rejected(errors, at_end, name, reason):
     usual, _ = case_of(BETTER)
     choice = choose_among(usual, recordings=[Recorded(errors, at_end)])
     assert choice.name == name
@@ -276,7 +276,7 @@ def test_faulty_recording_rules_out_precise_preset():
     assert alone.name == SAFE
 
 
-def test_recording_may_decide_though_simulation_does_not():
+def test_recording_decides_if_simulation_is_undecided():
     undecided, _ = case_of((0.2, 0.2, 0.2))
     assert choose_among(undecided, recordings=[Recorded((0.2, 0.06, 0.1))]).name == PRECISE
     worse, _ = case_of((0.2, 0.4, 0.2))
@@ -355,7 +355,7 @@ def test_levels_have_64_drives_at_least():
     assert len(slip.drive(robot.amcl, range(7, 13)).lost) == 30
 
 
-def test_several_maps_have_cases_of_their_own():
+def test_tune_separates_cases_of_maps():
     robot = Robot(LIDAR, filter=Amcl(min_particles=20, max_particles=20))
     result = tune([hall(), hall()], robot, paths=5, drives=2, threads=2, levels=[NO_FAULT])
     assert [*dict.fromkeys(row.case for row in result.choice.results)] == [
@@ -387,7 +387,7 @@ def test_report_shows_settings_at_all_levels(tuning):
 
 
 @pytest.mark.long
-def test_equal_seeds_give_equal_results_on_any_number_of_threads(tuning):
+def test_tune_ignores_thread_count(tuning):
     calls = []
     again = tune(
         hall(),
@@ -409,7 +409,7 @@ def precise(tuning):
     return dataclasses.replace(tuning, choice=choice)
 
 
-def test_settings_that_are_not_better_change_nothing(tuning, tmp_path):
+def test_rejected_presets_change_nothing(tuning, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text(PARAMS)
     kept = dataclasses.replace(tuning.choice, name=USER_SETTINGS, objections={SAFE: "it is worse"})
@@ -427,7 +427,7 @@ def saved(tuning, folder, params=None):
     return folder / "nav2_params.yaml"
 
 
-def test_a_new_file_has_all_parameters(tuning, tmp_path):
+def test_new_parameter_file_is_complete(tuning, tmp_path):
     file = saved(tuning, tmp_path / "out")
     assert read_amcl(file) == tuning.winner
     given = yaml.safe_load(file.read_text())["amcl"]["ros__parameters"]
@@ -436,7 +436,8 @@ def test_a_new_file_has_all_parameters(tuning, tmp_path):
     assert "  # Nav2's default is 2000" in file.read_text()
 
 
-def test_a_file_that_says_something_else_is_not_left_behind(precise, tmp_path, monkeypatch):
+def test_wrong_parameter_file_is_not_kept(precise, tmp_path, monkeypatch):
+    """`tune` reads the file that it wrote."""
     edited = "locplan.simulation.amcl_parameters.edit_parameters"
     monkeypatch.setattr(edited, lambda path, *_: path.read_bytes())
     (tmp_path / "mine.yaml").write_text(PARAMS)
@@ -472,7 +473,7 @@ def test_users_file_is_copied_with_preset(precise, tmp_path):
     assert precise.conclusion.startswith("Use precise: alphas 0.05, likelihood_field_prob")
 
 
-def test_one_of_several_robots_in_a_file_is_tuned(tuning, tmp_path):
+def test_tune_changes_single_robot_of_fleet(tuning, tmp_path):
     file = tmp_path / "fleet.yaml"
     file.write_text("robot1:\n  amcl:\n    ros__parameters:\n      alpha1: 0.2\n" + PARAMS)
     made = saved(tuning, tmp_path / "out", tmp_path / "fleet.yaml:robot1")
@@ -481,7 +482,8 @@ def test_one_of_several_robots_in_a_file_is_tuned(tuning, tmp_path):
     assert (read.alpha1, read.max_beams) == (tuning.winner.alpha1, tuning.winner.max_beams)
 
 
-def test_a_file_that_was_set_otherwise_for_the_run_gets_these_settings_too(tuning, tmp_path):
+def test_saved_file_has_settings_of_run(tuning, tmp_path):
+    """Options may have changed the values of the user's file."""
     file = tmp_path / "mine.yaml"
     file.write_text(PARAMS.replace("max_particles: 60", "max_particles: 500"))
     made = saved(tuning, tmp_path / "out", file)
@@ -521,7 +523,7 @@ def test_bad_arguments_are_refused(arguments, words):
     assert "\n" not in str(caught.value)
 
 
-def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
+def test_tune_command_keeps_users_file(run, tmp_path):
     save_map(hall(), tmp_path / "hall.yaml")
     params = tmp_path / "nav2_params.yaml"
     params.write_text(PARAMS)
@@ -544,7 +546,8 @@ def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
     assert params.read_text() == PARAMS
 
 
-def test_a_file_that_cannot_be_changed_is_refused_before_the_work(run, tmp_path, monkeypatch):
+def test_tune_rejects_yaml_anchors_early(run, tmp_path, monkeypatch):
+    """A changed anchor would change other parameters, too."""
     monkeypatch.setattr("locplan.advice.tuning.tune", None)
     save_map(hall(), tmp_path / "hall.yaml")
     params = tmp_path / "params.yaml"
@@ -611,7 +614,7 @@ def test_report_shows_recording(tuned):
     json.dumps(about, allow_nan=False)
 
 
-def test_recording_has_the_replays_of_simulate(tuned, grid, drive):
+def test_recording_has_replays_of_simulate(tuned, grid, drive):
     """The same numbers give the same replays in both commands."""
     expected = replay(drive, grid, Robot(filter=POOR), runs=2).drives
     (row,) = (
@@ -623,7 +626,7 @@ def test_recording_has_the_replays_of_simulate(tuned, grid, drive):
     assert row.lost.value == expected.lost.mean()
 
 
-def test_settings_that_fail_on_recording_are_kept(tuned, tmp_path):
+def test_failing_presets_keep_user_settings(tuned, tmp_path):
     kept = dataclasses.replace(
         tuned.choice, name=USER_SETTINGS, objections={PRECISE: "runs end lost"}
     )
@@ -644,7 +647,7 @@ def test_several_recordings_are_judged_together(grid, drive):
         tune_on_drive([drive, drive], [grid] * 3)
 
 
-def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):
+def test_tune_rejects_unsuitable_recordings(grid, drive):
     with pytest.raises(RecordingError, match="m are needed to compare settings"):
         tune_on_drive(drive[:100], grid)
     with pytest.raises(RecordingError, match="no odometry"):
@@ -652,14 +655,14 @@ def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):
 
 
 @pytest.mark.long
-def test_sparse_scans_are_a_warning(grid, drive):
+def test_report_notes_sparse_scans(grid, drive):
     own = Amcl(min_particles=20, max_particles=20)
     tuned = tune_on_drive(drive.subsample(5), grid, robot=Robot(filter=own), drives=2)
     assert "a scan only every 0.5 m" in tuned.notes[0]
     assert tuned.report().startswith("note: the log has a scan only every 0.5 m")
 
 
-def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch, capsys):
+def test_tune_command_reads_recording(tmp_path, grid, drive, monkeypatch, capsys):
     save_map(grid, tmp_path / "map.yaml")
     drive.save(tmp_path / "drive.npz")
     few = ["--set", "min_particles=20", "--set", "max_particles=40", "--drives", "2"]

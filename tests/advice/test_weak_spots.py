@@ -115,7 +115,7 @@ def corridors():
     return Costmap.from_field(field), field
 
 
-def test_the_straight_corridor_is_the_only_area(corridors):
+def test_only_straight_corridor_is_degenerate(corridors):
     (area,) = find_degenerate_areas(*corridors)
     low, high = area.outline.min(axis=0), area.outline.max(axis=0)
     assert high[0] - low[0] > 15
@@ -129,7 +129,7 @@ def test_the_straight_corridor_is_the_only_area(corridors):
     assert repr(area).startswith("DegenerateArea(35.8 m²")
 
 
-def test_a_map_turned_by_90_degrees_has_turned_areas():
+def test_areas_turn_with_map_cells():
     cells = np.full((33, 121), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = 0
     cells[1:13] = cells[21:32] = 0
@@ -152,7 +152,7 @@ def test_a_map_turned_by_90_degrees_has_turned_areas():
 
 
 @pytest.mark.parametrize("yaw", [0.7, math.pi / 2, -2.5])
-def test_the_yaw_of_a_map_turns_polygons(yaw):
+def test_polygons_turn_with_map_yaw(yaw):
     cells = random_rooms((90, 130), seed=2)
     straight = find_degenerate_areas(*made_up(cells, origin=(0.0, 0.0, 0.0)), threshold=0.2)
     turned = find_degenerate_areas(*made_up(cells, origin=(3.0, 4.0, yaw)), threshold=0.2)
@@ -168,7 +168,7 @@ def test_the_yaw_of_a_map_turns_polygons(yaw):
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("blur", [0.15, 0.4, 1.0])
-def test_polygons_hold_the_cells_and_are_valid(seed, blur):
+def test_valid_polygons_cover_degenerate_cells(seed, blur):
     costs, field = made_up(random_rooms((100, 140), seed), blur=blur, seed=seed)
     areas = find_degenerate_areas(costs, field, threshold=0.18, min_area=0.2)
     grid = costs.grid
@@ -207,13 +207,13 @@ def test_rings_of_noise_never_meet(density):
             assert not crosses(a, b, c, d)
 
 
-def test_a_ring_follows_the_edges_of_cells():
+def test_ring_follows_cell_edges():
     (area,) = marked(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0]], bool))
     corners = {tuple(each) for each in (area.outline - (1.5, -2.0)).tolist()}
     assert corners == {(0, 0), (2, 0), (2, 2), (0, 2)}
 
 
-def test_narrow_holes_and_stripes_keep_their_shape():
+def test_narrow_holes_and_stripes_keep_shape():
     mask = np.ones((40, 40), bool)
     mask[20, 10:13] = False
     (area,) = marked(mask, resolution=0.5)
@@ -226,7 +226,7 @@ def test_narrow_holes_and_stripes_keep_their_shape():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_polygons_of_noise_are_valid_and_apart(seed):
+def test_polygons_of_noise_never_overlap(seed):
     costs, field = made_up(np.full((50, 60), FREE, np.uint8), blur=0)
     noise = np.random.default_rng(seed).random((50, 60)) * 0.95
     costs = dataclasses.replace(costs, u=np.maximum(noise, np.roll(noise, 1, axis=seed % 2)))
@@ -243,7 +243,7 @@ def test_polygons_of_noise_are_valid_and_apart(seed):
         assert n == other or not crosses(a, b, c, d)
 
 
-def test_lines_that_meet_are_found():
+def test_crossing_lines_are_marked():
     bow = np.array([[0, 0], [8, 8], [8, 0], [0, 8]])
     apart = np.array([[20, 0], [30, 0], [30, 10]])
     assert mark_crossing_lines([bow, apart]).tolist() == [
@@ -261,7 +261,8 @@ def test_lines_that_meet_are_found():
     assert mark_crossing_lines([back]).any()
 
 
-def test_small_holes_are_filled_and_others_kept():
+def test_small_holes_are_filled():
+    """Larger holes stay."""
     cells = np.full((80, 100), FREE, np.uint8)
     cells[20:25, 20:25] = 0  # 0.0625 m²
     cells[40:50, 40:50] = 0  # 0.25 m²
@@ -273,7 +274,7 @@ def test_small_holes_are_filled_and_others_kept():
     assert signed_area(area.outline) == pytest.approx(80 * 100 * 0.0025)
 
 
-def test_many_small_holes_are_not_all_filled():
+def test_filled_holes_stay_below_area_limit():
     cells = np.full((80, 100), FREE, np.uint8)
     cells[5::10, 5::10] = cells[5::10, 6::10] = 0  # 80 of 0.005 m²: 2 %
     cells[2:4, 2:4] = 0
@@ -283,7 +284,7 @@ def test_many_small_holes_are_not_all_filled():
     assert area.area < whole < 1.021 * area.area
 
 
-def test_areas_between_the_points_of_the_lattice_are_read():
+def test_areas_between_lattice_points_are_found():
     cells = np.zeros((41, 60), np.uint8)
     cells[::4] = FREE
     costs, field = made_up(cells, stride=0.2, blur=0)
@@ -296,7 +297,9 @@ def test_areas_between_the_points_of_the_lattice_are_read():
     assert ends[0] <= area.position_std <= ends[1]
 
 
-def test_the_default_is_half_of_a_corridor_without_features(corridors):
+def test_default_threshold_is_half_of_corridor(corridors):
+    """The corridor has no features."""
+
     def sizes(costs, threshold=None):
         return sum(each.area for each in find_degenerate_areas(costs, field, threshold=threshold))
 
@@ -320,7 +323,7 @@ def test_areas_without_rotation_have_no_heading():
     assert abs(area.direction) == pytest.approx(math.pi / 2)
 
 
-def test_what_areas_cannot_be_made_of_is_refused(corridors):
+def test_degenerate_areas_reject_bad_arguments(corridors):
     costs, field = corridors
     for wrong in ({"threshold": -0.1}, {"threshold": math.nan}, {"min_area": -1.0}):
         with pytest.raises(ConfigError):
@@ -333,7 +336,8 @@ def test_what_areas_cannot_be_made_of_is_refused(corridors):
         find_degenerate_areas(costs, None)
 
 
-def test_weak_spots_without_routes_lie_in_largest_part(corridors):
+def test_weak_spots_lie_in_largest_part(corridors):
+    """Without routes, the largest connected part counts."""
     costs, field = corridors
     path = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0)).path
     (spot, *_), (of_route, *_) = (

@@ -35,7 +35,7 @@ def rows(database, query):
     return database.execute(query).fetchall()
 
 
-def test_every_run_is_in_the_database(tmp_path):
+def test_database_has_all_runs(tmp_path):
     runs = fake_runs({"any-angle": 1.0, "anytime: range=2": 0.9}, queries=3)
     moment = datetime(2025, 3, 4, 5, 6, 7)
     logs = write_ompl_logs(
@@ -80,7 +80,7 @@ def test_every_run_is_in_the_database(tmp_path):
         assert sorted(found) == sorted(wanted)
 
 
-def test_progress_is_the_best_cost_at_equal_steps(tmp_path):
+def test_progress_has_best_cost_over_time(tmp_path):
     runs = fake_runs({"any-angle": 1.0, "anytime": 0.9}, queries=1, maps=("rooms",), seeds=2)
     runs.append(failed_run(RunTask("rooms", "6 m", "q0", 4.0, "anytime", 3)))
     logs = write_ompl_logs(runs, tmp_path / "logs", baseline="any-angle")
@@ -102,7 +102,7 @@ def test_progress_is_the_best_cost_at_equal_steps(tmp_path):
     assert at_half == pytest.approx(1.2 * first)
 
 
-def test_a_single_query_is_no_parameter(tmp_path):
+def test_single_query_is_no_parameter(tmp_path):
     """Planner Arena 1.0's progress page fails on parameters with one value."""
     runs = fake_runs({"any-angle": 1.0}, queries=1, maps=("rooms",))
     with database(write_ompl_logs(runs, tmp_path / "logs"), tmp_path) as made:
@@ -132,7 +132,7 @@ def test_every_status_has_its_name(tmp_path):
     )
 
 
-def test_our_numbers_are_ompls_own(tmp_path):
+def test_status_numbers_equal_ompl_numbers(tmp_path):
     from ompl import base
 
     kinds = type(base.PlannerStatus.TIMEOUT)
@@ -160,7 +160,7 @@ def test_odd_names_and_numbers_pass(tmp_path):
         assert len(rows(made, "SELECT DISTINCT name FROM experiments")) == 1
 
 
-def test_they_join_a_database(tmp_path):
+def test_logs_append_to_database(tmp_path):
     runs = fake_runs({"any-angle": 1.0}, queries=2, maps=("rooms",))
     logs = write_ompl_logs(runs, tmp_path / "logs")
     with database(logs[:1], tmp_path), database(logs[1:], tmp_path, "--append") as made:

@@ -69,14 +69,16 @@ def test_every_combination_is_run_once(compared):
     assert {run.status for run in compared.runs if run.task.planner == "any-angle"} == {"solved"}
 
 
-def test_queries_are_the_same_for_all_settings_and_far_enough_apart(compared):
+def test_queries_are_equal_across_settings(compared):
+    """They also keep the minimum distance."""
     for name in ("one", "two"):
         first, second = (compared.cases[name, label].queries for label in ("1 m", "2 m"))
         assert first == second
         assert min(math.dist(query.start, query.goal) for query in first) >= 3.0
 
 
-def test_any_angle_is_the_baseline_and_grid_costs_more(compared):
+def test_grid_costs_more_than_any_angle(compared):
+    """Any-angle is the baseline by default."""
     assert compared.baseline == "any-angle"
     costs = [
         contrast
@@ -117,7 +119,7 @@ def test_compared_planners_keep_out_of_zones():
             locplan.compare(wrong, "grid", 1, zones=zones, execution=ONE)
 
 
-def test_a_users_planner_is_measured_like_the_others(compared):
+def test_user_planner_is_measured_equally(compared):
     by_task = {run.task: run for run in compared.runs}
     own = [run for run in compared.runs if run.task.planner == "detour"]
     assert {run.task.seed for run in own} == {1, 2}
@@ -128,7 +130,7 @@ def test_a_users_planner_is_measured_like_the_others(compared):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_report_names_exception_if_all_runs_raise():
+def test_report_names_exception_of_failing_planner():
     result = locplan.compare(
         rooms(), ["grid", raising], RandomQueries(2), SMALL, configs=QUICK, execution=ONE
     )
@@ -137,7 +139,7 @@ def test_report_names_exception_if_all_runs_raise():
     assert repr(result) == f"Comparison(4 runs of grid, raising; {fault})"
 
 
-def test_a_planner_cannot_change_what_any_path_is_measured_on():
+def test_planner_cannot_change_measured_costmap():
     def path_of(costs, start, goal):
         return locplan.plan(costs, start, goal, planner="grid").path
 
@@ -190,7 +192,7 @@ def test_a_planner_cannot_change_what_any_path_is_measured_on():
     assert spoilt.metrics.clearance == metrics.clearance
 
 
-def test_what_ended_by_chance_is_made_anew(tmp_path):
+def test_hung_run_is_repeated(tmp_path):
     awake = tmp_path / "awake"
 
     def napping(costs, start, goal):
@@ -207,7 +209,7 @@ def test_what_ended_by_chance_is_made_anew(tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_odd_histories_and_notes_do_no_harm(tmp_path):
+def test_compare_tolerates_invalid_history_and_note(tmp_path):
     def odd(costs, start, goal):
         found = locplan.plan(costs, start, goal)
         return dataclasses.replace(found, history=((0.1, math.inf), (0.2, 9.0)), note=b"\xff")
@@ -219,7 +221,7 @@ def test_odd_histories_and_notes_do_no_harm(tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_random_queries_have_headings_for_those_who_need_them():
+def test_random_queries_have_headings_if_needed():
     planners = ["grid", "RRTConnect:space=SE2,iterations=300"]
     settings = {"weights": [0.0], "configs": QUICK, "execution": ONE}
     found = locplan.compare(rooms(), planners, RandomQueries(2, 2.0), **settings)
@@ -228,7 +230,7 @@ def test_random_queries_have_headings_for_those_who_need_them():
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_the_limit_of_memory_stands_in_the_logs_in_megabytes(tmp_path):
+def test_logs_have_memory_limit_in_megabytes(tmp_path):
     execution = Execution(workers=1, memory=2e9)
     locplan.compare(rooms(), "grid", 1, configs=QUICK, execution=execution).save(tmp_path)
     (log,) = (tmp_path / "ompl_logs").glob("*.log")
@@ -290,7 +292,7 @@ def test_all_files_are_written(compared, tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_a_costmap_of_ones_own_is_compared_without_e(tmp_path):
+def test_compare_accepts_costmap_without_e(tmp_path):
     grid = rooms()
     own = Costmap.from_density(grid, np.where(grid.free, 2.0, np.inf))
     found = locplan.compare({"mine": own}, "grid", RandomQueries(2, min_distance=1.0))
@@ -301,7 +303,7 @@ def test_a_costmap_of_ones_own_is_compared_without_e(tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_each_estimator_has_its_own_weight_and_criterion(monkeypatch):
+def test_estimator_sets_weight_and_criterion(monkeypatch):
     monkeypatch.setattr(Fisher, "weight", 8.0)
     monkeypatch.setattr(Fisher, "criterion", "position_std")
     configs = {"sad": QUICK, "fisher": FieldConfig(Fisher(Lidar(range=1.0)), stride=0.5)}
@@ -371,7 +373,7 @@ def test_queries_come_in_every_form(tmp_path):
         ({"planners": ["BITstar:settings=3"]}, "by their names"),
     ],
 )
-def test_wrong_input_is_refused_before_the_first_run(changes, message):
+def test_compare_rejects_wrong_input(changes, message):
     given = {"maps": rooms(), "planners": ["grid"], "queries": 2, "configs": QUICK} | changes
     with pytest.raises(LocplanError, match=message) as fault:
         locplan.compare(**given)
@@ -388,12 +390,13 @@ def test_wrong_input_is_refused_before_the_first_run(changes, message):
         ({"patience": 0.0}, "patience must be"),
     ],
 )
-def test_an_execution_that_cannot_be_is_refused(settings, message):
+def test_execution_rejects_invalid_settings(settings, message):
     with pytest.raises(ConfigError, match=message):
         Execution(**settings)
 
 
-def test_a_time_limit_is_for_those_who_take_one():
+def test_with_time_limit_depends_on_planner():
+    """Grid searches and planners with iterations get no limit."""
     limited = {
         name: PlannerSpec.parse(name).with_time_limit(0.7).time_limit
         for name in ("grid", "BITstar", "BITstar:time_limit=2", "RRTstar:iterations=10")
@@ -411,7 +414,7 @@ def test_a_time_limit_is_for_those_who_take_one():
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys, small_field):
+def test_compare_command_resumes_journal(tmp_path, monkeypatch, capsys, small_field):
     from locplan.app.cli import main
 
     def run(*arguments):
@@ -480,7 +483,7 @@ def nav2(tmp_path):
 
 
 @pytest.mark.long
-def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
+def test_compare_runs_simulated_choice(corridors, nav2):
     text = f"simulated choice: drives=2, minimise=lost, robot={nav2}"
     found = locplan.compare(
         corridors, ["any-angle", text], [CORRIDOR], seeds=[2], weights=8.0, execution=ONE
@@ -503,9 +506,8 @@ def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
     assert (name, options["robot"]["filter"]["alpha1"]) == ("simulated choice", 0.05)
 
 
-def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
-    corridors, nav2, monkeypatch
-):
+def test_simulated_choice_passes_costmap_and_options(corridors, nav2, monkeypatch):
+    """A worker process uses a single thread."""
     asked = []
 
     def recommend_path(grid, start, goal, robot, **options):
@@ -527,14 +529,15 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
     assert here.path.length == 0
 
 
-def test_what_of_a_file_is_not_simulated_is_said_once(nav2):
+def test_simulated_choice_warns_once(nav2):
     nav2.write_text(nav2.read_text() + "    robot_model_type: my::Legs\n")
     with pytest.warns(ParameterWarning, match="not simulated: robot_model_type"):
         spec = PlannerSpec.parse(f"simulated choice:robot={nav2}")
     with_options(spec.planner, seed=3)  # a second warning would be an error
 
 
-def test_the_simulated_choice_is_read_once_and_sent_as_it_is(nav2):
+def test_simulated_choice_reads_robot_once(nav2):
+    """Workers receive the robot, not its file."""
     spec = PlannerSpec.parse(f"simulated choice:robot={nav2}")
     nav2.unlink()
     again = with_options(pickle.loads(pickle.dumps(spec.planner)), seed=3)
@@ -556,13 +559,13 @@ def test_the_simulated_choice_is_read_once_and_sent_as_it_is(nav2):
         ("budget=2", "a budget is for planner 'grid'"),
     ],
 )
-def test_options_of_the_simulated_choice_are_checked_before_the_first_run(options, message):
+def test_simulated_choice_rejects_wrong_options(options, message):
     with pytest.raises(ConfigError, match="planner 'simulated choice:") as error:
         PlannerSpec.parse(f"simulated choice:{options}")
     assert message in str(error.value)
 
 
-def test_comparisons_name_all_planners_that_they_know():
+def test_unknown_planner_error_lists_planners():
     with pytest.raises(ConfigError, match=r"must be one of grid, .*, simulated choice, not 'no'"):
         PlannerSpec.parse("no")
 
@@ -583,7 +586,7 @@ def test_journal_of_another_lidar_is_refused(corridors, tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_the_robot_decides_the_fields_and_is_driven(monkeypatch, tmp_path):
+def test_compare_uses_robot_for_fields(monkeypatch, tmp_path):
     """Its lidar is that of the fields where these have several."""
     asked = []
 
@@ -611,7 +614,7 @@ def test_the_robot_decides_the_fields_and_is_driven(monkeypatch, tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_paths_that_a_cars_outline_cannot_drive_are_named_beside_those_of_the_lattice():
+def test_report_names_undrivable_paths():
     cells = np.full((60, 60), FREE)
     cells[:, 28:32] = OCCUPIED
     cells[26:34, 28:32] = FREE  # a gap that the car's width fits, and its length does not

@@ -118,7 +118,7 @@ def test_hostile_names_are_text(hostile_page: str) -> None:
     assert not {"b onload", "iframe", "object"} & {tag for tag, _ in elements.found}
 
 
-def test_nothing_is_loaded(hostile_page: str) -> None:
+def test_page_loads_no_external_file(hostile_page: str) -> None:
     elements = Elements(hostile_page)
     links = [*elements.attributes("src"), *elements.attributes("href")]
     assert len(links) == 2
@@ -162,7 +162,7 @@ def test_report_begins_with_answer(
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_few_queries_are_too_few_to_tell(tmp_path: Path, case: MapCase) -> None:
+def test_few_queries_give_no_verdict(tmp_path: Path, case: MapCase) -> None:
     whole = several(case)
     runs = [run for run in whole.runs if run.task.query in ("a", "b")]
     page = written(tmp_path, dataclasses.replace(whole, runs=tuple(runs)))
@@ -178,7 +178,7 @@ def test_pictures_have_texts(tmp_path: Path, case: MapCase) -> None:
     assert texts[1] == f"{title}any-angle 40.0 m; grid 52.0 m."
 
 
-def test_the_same_data_give_the_same_file(tmp_path: Path, case: MapCase, hostile_page: str) -> None:
+def test_report_file_is_deterministic(tmp_path: Path, case: MapCase, hostile_page: str) -> None:
     assert written(tmp_path, hostile(case)) == hostile_page
 
 
@@ -245,7 +245,8 @@ def column(page: Any, title: str) -> list[str]:
     return [row.locator("th, td").nth(n).inner_text() for row in rows]
 
 
-def test_a_head_sorts_by_click_and_by_key_with_unknown_values_last(page: Any) -> None:
+def test_table_head_sorts_rows(page: Any) -> None:
+    """Click and Enter sort; unknown values come last."""
     head = page.locator("thead th").nth(2)
     assert column(page, "planner") == [*LENGTHS] * 2
     head.locator("button").click()
@@ -266,12 +267,12 @@ def test_numbers_are_sorted_as_numbers(page: Any) -> None:
 
 
 @pytest.mark.parametrize("width", [1200, 400])
-def test_the_page_is_no_wider_than_the_screen(page: Any, width: int) -> None:
+def test_page_fits_screen_width(page: Any, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") == width
 
 
-def test_without_a_script_all_is_there(browser: Any, report: Path) -> None:
+def test_page_shows_table_without_script(browser: Any, report: Path) -> None:
     page = browser.new_page(java_script_enabled=False)
     page.goto(report.as_uri())
     assert page.locator("tbody tr").count() == 6

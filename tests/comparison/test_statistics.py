@@ -46,7 +46,7 @@ def the(found, **wanted):
     return one
 
 
-def test_a_known_ratio_is_found_and_said():
+def test_contrast_estimates_known_ratio():
     runs = fake_runs({"base": 1.0, "anytime": 0.9, "dear": 3.0, "same": 1.0})
     of_cost = [each for each in contrasts(runs, "base", pooled=True) if each.measure == "cost"]
     cheap = the(of_cost, planner="anytime")
@@ -57,7 +57,7 @@ def test_a_known_ratio_is_found_and_said():
     assert the(of_cost, planner="same").sentence.startswith("no significant difference from base")
 
 
-def test_the_interval_is_students_of_the_logarithms():
+def test_ratio_has_student_interval_of_logarithms():
     rng = np.random.default_rng(3)
     theirs = rng.uniform(5, 50, 9)
     ours = theirs * np.exp(rng.normal(-0.1, 0.05, 9))
@@ -67,7 +67,7 @@ def test_the_interval_is_students_of_the_logarithms():
     assert found == pytest.approx((np.exp(logs.mean()), np.exp(low), np.exp(high)))
 
 
-def test_means_have_students_interval_with_one_degree_of_freedom_less():
+def test_mean_has_student_interval():
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
     half = 2.776445 * np.sqrt(2.5 / 5)  # the table's t of 4 degrees of freedom
     assert intervals.estimate_mean(values) == pytest.approx((3.0, 3.0 - half, 3.0 + half), rel=1e-6)
@@ -78,7 +78,7 @@ def test_means_have_students_interval_with_one_degree_of_freedom_less():
     assert intervals.estimate_mean(np.arange(12) - 2.0)[1:] == pytest.approx((low, high))
 
 
-def test_a_root_mean_square_has_the_interval_of_its_pseudo_values():
+def test_rms_interval_equals_jackknife():
     squares = np.array([0.7, 1.9, 1.1, 2.6, 0.4])
     others = np.ones(5)
     log = lambda kept: np.log(squares[kept].sum() / others[kept].sum())  # noqa: E731
@@ -89,7 +89,7 @@ def test_a_root_mean_square_has_the_interval_of_its_pseudo_values():
     assert intervals.estimate_rms(squares) == pytest.approx(expected, rel=1e-6)
 
 
-def test_seeds_are_one_query_by_their_median():
+def test_contrast_uses_median_over_seeds():
     runs = [
         solved_run(RunTask("rooms", "6 m", f"q{query}", 4.0, planner, seed), cost)
         for query in range(6)
@@ -102,7 +102,7 @@ def test_seeds_are_one_query_by_their_median():
     assert found.sentence == "5 % cheaper than base [5, 5]"
 
 
-def test_a_bad_planner_changes_no_other_planners_row():
+def test_failing_planner_leaves_other_rows_unchanged():
     runs = fake_runs({"base": 1.0, "mine": 0.9, "bad": 2.0}, maps=("rooms",))
     late = lambda run: run.task.planner == "bad" and run.task.query != "q3"  # noqa: E731
     runs = [failed_run(run.task) if late(run) else run for run in runs]
@@ -115,7 +115,7 @@ def test_a_bad_planner_changes_no_other_planners_row():
     assert rows["bad"]["baseline_cost"] == costs["base", "q3"]
 
 
-def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
+def test_row_statistics_use_same_values():
     seeds = {"base": (10.0, 10.0, 10.0), "mine": (9.0, 9.5, 90.0)}
     runs = [
         solved_run(RunTask("rooms", "6 m", f"q{query}", 4.0, planner, seed), (query + 1) * cost)
@@ -137,7 +137,7 @@ def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
     assert row["ratio"] == contrast.estimate.value == pytest.approx(0.95)
 
 
-def test_a_planner_takes_one_line_of_80_columns(monkeypatch):
+def test_report_row_fits_80_columns(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     runs = fake_runs({"any-angle": 1.0, "simulated choice": 0.98765}, maps=("rooms",))
     lines = Comparison(tuple(runs), "any-angle", {}).report().splitlines()
@@ -145,7 +145,7 @@ def test_a_planner_takes_one_line_of_80_columns(monkeypatch):
     assert len([line for line in lines if line.startswith("  ")]) == head + rows
 
 
-def test_only_queries_that_both_solved_are_compared():
+def test_contrast_pairs_queries_solved_by_both():
     runs = fake_runs({"base": 1.0, "mine": 0.9}, maps=("rooms",))
     lost = [
         failed_run(run.task) if (run.task.planner, run.task.query) == ("mine", "q3") else run
@@ -157,7 +157,8 @@ def test_only_queries_that_both_solved_are_compared():
     assert pair(ours, theirs, "degenerate_share").pairs == 3
 
 
-def test_what_may_be_zero_is_a_ratio_of_sums():
+def test_integrated_u_uses_ratio_of_sums():
+    """It may be 0, which has no logarithm."""
     found = pair([0, 0, 1, 2, 3, 0], [0, 2, 2, 4, 4, 0], "integrated_u")
     assert found.kind == "ratio of sums"
     assert found.estimate.value == pytest.approx(0.5)
@@ -183,7 +184,7 @@ def test_shares_differ_by_percentage_points():
         ([9.0] * 4, [10.0] * 4, 4, "too few queries for a verdict (4 of 5)"),
     ],
 )
-def test_few_pairs_tell_nothing(ours, theirs, pairs, told):
+def test_few_pairs_give_no_verdict(ours, theirs, pairs, told):
     if not pairs:
         runs = [
             failed_run(RunTask("rooms", "6 m", "q", 4.0, planner, 0))
@@ -195,7 +196,7 @@ def test_few_pairs_tell_nothing(ours, theirs, pairs, told):
     assert (found.pairs, found.sentence) == (pairs, told)
 
 
-def test_values_that_are_not_finite_are_no_pairs():
+def test_contrast_ignores_non_finite_values():
     found = pair([9, np.nan, np.inf, 9, 9, 9, 9, 9], [10, 10, 10, 10, 10, 10, np.nan, 0.0])
     assert found.pairs == 4
 
@@ -207,7 +208,7 @@ def test_rounding_is_no_difference():
     assert pair(rounded, equal).sentence == "no significant difference from base [1e-10, 1e-10] %"
 
 
-def test_the_baseline_is_one_and_says_nothing():
+def test_baseline_has_unit_ratio():
     runs = fake_runs({"base": 1.0, "anytime": 0.9})
     found = the(contrasts(runs, "base", pooled=True), planner="base", measure="cost")
     assert found.estimate == (1, 1, 1)
@@ -231,7 +232,7 @@ def test_maps_are_strata():
 
 
 @pytest.mark.long
-def test_the_interval_covers_the_truth():
+def test_ratio_interval_covers_true_ratio():
     """2000 comparisons of 10 queries with 3 seeds; bootstraps cover 90 %."""
     rng = np.random.default_rng(11)
     queries = -0.04 + rng.normal(0, 0.05, (2000, 10, 1)) + rng.normal(0, 0.03, (2000, 10, 3))
@@ -271,7 +272,7 @@ def test_success_counts_queries_not_seeds():
     assert intervals.compute_wilson_interval(0.0, 3).low == 0
 
 
-def test_quartiles_are_over_what_is_known():
+def test_quartiles_ignore_unknown_values():
     tasks = [RunTask("rooms", "6 m", f"q{query}", 4.0, "mine", 0) for query in range(6)]
     runs = [solved_run(task, cost) for task, cost in zip(tasks, [1, 2, 3, 4, 5], strict=False)]
     runs.append(solved_run(tasks[5], np.inf))
@@ -283,7 +284,7 @@ def test_quartiles_are_over_what_is_known():
     assert all(np.isnan(each.median) for each in nothing.measures.values())
 
 
-def test_every_measure_of_nine_hundred_runs_is_compared():
+def test_contrasts_cover_all_measures():
     planners = {"base": 1.0, "grid": 1.04, "anytime 1": 0.99, "anytime 2": 1.01, "anytime 3": 1.1}
     runs = fake_runs(planners, queries=20, maps=("a", "b"), weights=(4.0, 12.0), seeds=3)
     assert len(runs) == 880

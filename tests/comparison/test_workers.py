@@ -74,7 +74,7 @@ def untimed(run):
     return run.task, run.status, run.xy, dict(run.measures)
 
 
-def test_every_failure_costs_one_run(capfd):
+def test_failure_loses_single_run(capfd):
     bad = [crash, leave, hog, fail, refuse, depart, boast, trespass, stray, print_something]
     ticks = []
     runs = run_comparison(
@@ -122,7 +122,7 @@ def test_run_after_hung_ones_is_solved():
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_runs_are_measured_on_the_costmap_of_their_weight():
+def test_runs_use_costmap_of_weight():
     runs = run_comparison(["grid", "any-angle"], weights=[0, 5], workers=1)
     order = [(run.task.weight, run.task.query, run.task.planner) for run in runs]
     assert order == [
@@ -144,14 +144,14 @@ def test_runs_are_measured_on_the_costmap_of_their_weight():
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_without_a_way_there_is_a_result():
+def test_unreachable_goal_is_run_status():
     runs = run_comparison(["grid", "RRTstar:iterations=100"], costs=room_with_door(door=False))
     assert {run.status for run in runs} == {"unreachable"}
     assert all("no path joins" in run.note for run in runs)
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_seeds_are_for_those_who_take_them(tmp_path):
+def test_seeds_apply_to_random_planners(tmp_path):
     planners = [
         "grid",
         "RRTstar:iterations=200",
@@ -166,7 +166,7 @@ def test_seeds_are_for_those_who_take_them(tmp_path):
 
 
 @pytest.mark.long
-def test_seeded_runs_are_the_same_wherever_they_are_made():
+def test_seeded_runs_equal_across_workers():
     planners = ["RRTstar:iterations=400", "BITstar:iterations=3000", "PRMstar:iterations=100"]
     one, two = (run_comparison(planners, seeds=[5, 7], workers=workers) for workers in (1, 2))
     assert list(map(untimed, one)) == list(map(untimed, two))
@@ -187,7 +187,7 @@ def test_local_planner_is_sent_and_prepared():
     assert {run.status for run in run_comparison(learner, workers=1)} == {"solved"}
 
 
-def test_a_planner_that_cannot_be_sent_is_an_error():
+def test_compare_rejects_unpicklable_planner():
     import threading
 
     lock = threading.Lock()
@@ -200,7 +200,7 @@ def test_a_planner_that_cannot_be_sent_is_an_error():
         run_comparison(locked, workers=1)
 
 
-def test_a_planner_whose_preparation_fails_is_an_error():
+def test_failed_preparation_raises_error():
     def broken(costs, start, goal):
         return plan(costs, start, goal)
 
@@ -209,7 +209,7 @@ def test_a_planner_whose_preparation_fails_is_an_error():
         run_comparison(broken, workers=1)
 
 
-def test_preparation_that_crashes_ends_the_comparison():
+def test_crashed_preparation_ends_comparison():
     def broken(costs, start, goal):
         return plan(costs, start, goal)
 
@@ -219,7 +219,7 @@ def test_preparation_that_crashes_ends_the_comparison():
 
 
 @pytest.mark.long
-def test_starts_that_fail_count_for_each_worker(tmp_path):
+def test_failed_starts_count_per_worker(tmp_path):
     def fragile(costs, start, goal):
         return plan(costs, start, goal)
 
@@ -237,7 +237,7 @@ def test_starts_that_fail_count_for_each_worker(tmp_path):
     assert {run.status for run in run_comparison(fragile, workers=3)} == {"solved"}
 
 
-def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
+def test_killed_worker_loses_single_run(tmp_path):
     killed = []
 
     def kill(done, total):
@@ -255,7 +255,7 @@ def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_what_is_done_is_not_done_again(tmp_path, monkeypatch, caplog):
+def test_journal_skips_finished_runs(tmp_path, monkeypatch, caplog):
     caplog.set_level("INFO")
     for function in (counting, fail):
         monkeypatch.setattr(function, "version", 2, raising=False)
@@ -334,7 +334,7 @@ def test_first_line_has_settings_and_versions(tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_a_torn_journal_loses_its_last_line(tmp_path):
+def test_torn_journal_loses_last_line(tmp_path):
     file = tmp_path / "runs.jsonl"
     first = run_comparison(["grid", "any-angle"], journal=file)
     whole = file.read_bytes()
@@ -380,7 +380,7 @@ def test_journal_of_older_format_is_refused(tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_a_journal_has_one_writer(tmp_path):
+def test_journal_rejects_second_writer(tmp_path):
     file, faults = tmp_path / "runs.jsonl", []
 
     def compare_too(done, total):
@@ -441,7 +441,7 @@ def descendants(pid: int) -> list[int]:
         are_rows=True,
     ),
 )
-def test_an_end_leaves_no_processes(tmp_path, ending, planner):
+def test_signal_leaves_no_processes(tmp_path, ending, planner):
     process = started(tmp_path / "naps", planner)
     workers = descendants(process.pid)
     assert len(workers) >= 2
@@ -454,7 +454,7 @@ def test_an_end_leaves_no_processes(tmp_path, ending, planner):
 
 
 @pytest.mark.parametrize("planner", [spawning, spawn_and_crash])
-def test_processes_of_a_planner_end_with_its_run(tmp_path, planner):
+def test_planner_processes_end_with_run(tmp_path, planner):
     spec = PlannerSpec("spawns", FunctionPlanner(planner, {"folder": str(tmp_path)}))
     expected = {spawning: "hung", spawn_and_crash: "crashed"}[planner]
     for patience in (0.5, 10.0, 100.0):  # a busy machine starts the child late
@@ -487,7 +487,7 @@ print([run.status for run in run_comparison(mine, workers=2)])
     assert (done.returncode, done.stdout) == (0, "['solved', 'solved']\n"), done.stderr
 
 
-def test_wrong_input_is_refused_before_any_run(tmp_path):
+def test_run_comparison_rejects_wrong_input(tmp_path):
     def refused(**changes):
         with pytest.raises(LocplanError) as caught:
             run_comparison(**{"planners": ["grid"]} | changes)
@@ -548,14 +548,14 @@ def test_time_limits_and_spaces_are_known():
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_headings_are_for_planners_that_have_them():
+def test_planner_without_headings_accepts_poses():
     posed = [Query("posed", (1.5, 1.5, 0.0), (14.5, 10.5, math.pi / 2))]
     runs = run_comparison(["grid", "RRTConnect:space=SE2,iterations=20000"], posed)
     assert {run.status for run in runs} == {"solved"}
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_a_costmap_without_a_field_has_the_weight_zero():
+def test_blank_costmap_allows_zero_weight():
     blank = Costmap.blank(room_with_door().grid, robot=0.0)
     (run,) = run_comparison("grid", QUERIES[:1], costs=blank, weights=[0])
     assert run.measures["cost"] == pytest.approx(run.measures["length"])

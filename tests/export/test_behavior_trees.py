@@ -71,7 +71,7 @@ def exported(folder, costs, params=PARAMS, **settings):
         return nav2_keepout(folder / "m", costs, params=folder / "own.yaml", **settings)
 
 
-def test_a_robots_comments_stay(tmp_path, costs):
+def test_export_keeps_parameter_comments(tmp_path, costs):
     exported(tmp_path, costs)
     text = (tmp_path / "m" / "nav2.yaml").read_text()
     for line in ("# The robot of hall 3.", "global_frame: map  # not odom", "# The old one."):
@@ -97,7 +97,8 @@ def test_default_planner_keeps_its_type(tmp_path, costs):
     assert default == "nav2_navfn_planner::NavfnPlanner"
 
 
-def test_navfn_is_not_chosen_and_it_is_said_why(tmp_path, costs):
+def test_keepout_export_avoids_navfn(tmp_path, costs):
+    """NavFn ignores most of a mask, so the export adds Smac or Theta*."""
     (tmp_path / "own.yaml").write_text(PARAMS.replace("factor: 3.0", "factor: 12.0"))
     with pytest.warns(RobotWarning, match=r"NavfnPlanner\): it ignores most of a mask"):
         found = nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
@@ -115,7 +116,7 @@ def test_navfn_is_not_chosen_and_it_is_said_why(tmp_path, costs):
         ("humble", "export again with `--tree TREE.xml`"),
     ],
 )
-def test_the_folder_says_how_the_planner_is_selected(tmp_path, costs, distro, words):
+def test_readme_explains_planner_selection(tmp_path, costs, distro, words):
     slashes = PARAMS.replace("planner::Nav", "planner/Nav") if distro == "humble" else PARAMS
     exported(tmp_path, costs, slashes, distro=distro)
     text = (tmp_path / "m" / "README.md").read_text()
@@ -127,7 +128,7 @@ def test_the_folder_says_how_the_planner_is_selected(tmp_path, costs, distro, wo
 
 @pytest.mark.parametrize("planner", sample_cases(["smac2d", "thetastar"]))
 @pytest.mark.parametrize("tree", [SELECTING, NAMING])
-def test_the_robots_own_tree_plans_with_our_planner(tmp_path, costs, tree, planner):
+def test_behavior_tree_uses_exported_planner(tmp_path, costs, tree, planner):
     (tmp_path / "own.xml").write_text(tree)
     exported(tmp_path, costs, planner=planner, tree=tmp_path / "own.xml")
     text = (tmp_path / "m" / "tree.xml").read_text()
@@ -153,14 +154,14 @@ def test_the_robots_own_tree_plans_with_our_planner(tmp_path, costs, tree, plann
     assert (tmp_path / "m" / "tree.xml").read_text() == text
 
 
-def test_a_planner_that_no_selector_names_is_replaced(tmp_path, costs):
+def test_behavior_tree_replaces_unselected_planner(tmp_path, costs):
     """Some trees take the planner's name from the blackboard, where nothing of ours puts it."""
     (tmp_path / "own.xml").write_text(NAMING.replace("GridBased", "{planner_id}"))
     exported(tmp_path, costs, planner="smac2d", tree=tmp_path / "own.xml")
     assert "{planner_id}" not in (tmp_path / "m" / "tree.xml").read_text()
 
 
-def test_a_tree_may_have_single_quotes(tmp_path, costs):
+def test_behavior_tree_accepts_single_quotes(tmp_path, costs):
     for tree in (SELECTING, NAMING):
         (tmp_path / "own.xml").write_text(tree.replace('"', "'"))
         exported(tmp_path, costs, planner="thetastar", tree=tmp_path / "own.xml")
@@ -178,7 +179,7 @@ def test_a_tree_may_have_single_quotes(tmp_path, costs):
         ("{simple_smoother: {max_its: 5}}", None),  # Nav2's default is this name
     ],
 )
-def test_the_smoother_that_the_tree_names_is_there(tmp_path, costs, own, names):
+def test_parameters_include_smoother_of_tree(tmp_path, costs, own, names):
     (tmp_path / "own.xml").write_text(NAMING)
     params = f"{PARAMS}smoother_server: {{ros__parameters: {own}}}\n"
     exported(tmp_path, costs, params, planner="thetastar", tree=tmp_path / "own.xml")
@@ -193,7 +194,7 @@ def test_the_smoother_that_the_tree_names_is_there(tmp_path, costs, own, names):
 
 
 @pytest.mark.parametrize("namespace", ["", "/r1"])
-def test_topics_are_those_of_the_robots_namespace(tmp_path, costs, namespace):
+def test_topics_use_robot_namespace(tmp_path, costs, namespace):
     """Nav2's own names of them are relative."""
     params = PARAMS
     if namespace:
@@ -216,20 +217,20 @@ def test_topics_are_those_of_the_robots_namespace(tmp_path, costs, namespace):
 
 
 @pytest.mark.parametrize("xy", [[(2, 3), (22.8, 12.1)], [(2, 3), (60, 3)], [(2, 3), (2, 3)]])
-def test_what_is_no_way_on_the_map_is_refused(tmp_path, costs, xy):
+def test_keepout_export_rejects_invalid_paths(tmp_path, costs, xy):
     with pytest.raises(ConfigError, match="mine has no length, or leaves the map's free space"):
         nav2_keepout(tmp_path / "m", costs, paths={"mine": Path(np.array(xy, float))})
     assert not (tmp_path / "m").exists()
 
 
-def test_a_tree_that_plans_nothing_is_refused(tmp_path, costs):
+def test_export_rejects_tree_without_planning(tmp_path, costs):
     (tmp_path / "own.xml").write_text("<root/>")
     with pytest.raises(LocplanError, match=r"own\.xml: has no ComputePathToPose"):
         nav2_keepout(tmp_path / "m", costs, tree=tmp_path / "own.xml")
     assert not (tmp_path / "m").exists()
 
 
-def test_what_the_planner_takes_is_said(tmp_path, costs):
+def test_export_reports_planner_path(tmp_path, costs):
     aware = plan(costs, (2, 3), (38, 3)).path
     found = exported(tmp_path, costs, paths={"aware": aware})
     (smac,) = found.paths
@@ -243,7 +244,7 @@ def test_what_the_planner_takes_is_said(tmp_path, costs):
     assert about["conversion"]["paths"][0]["ratio"] == smac.ratio
 
 
-def test_a_path_that_the_planner_does_not_take_is_said(tmp_path, costs):
+def test_export_warns_if_planner_deviates(tmp_path, costs):
     around = plan(costs, (2, 3), (38, 3)).path
     with pytest.warns(RobotWarning, match=r"around passes 0\.4. m from walls at \(\d+\.\d\d, "):
         assert nav2_keepout(tmp_path / "m", costs, paths={"around": around}).paths[0].is_equivalent
@@ -274,7 +275,7 @@ humble has no use_quadratic_cost_penalty."""
 
 @pytest.mark.parametrize("distro", sample_cases(["jazzy", "humble"]))
 @pytest.mark.parametrize("planner", ["smac2d", "smac-hybrid", "thetastar"])
-def test_parameters_have_the_types_that_nav2_declares(tmp_path, costs, planner, distro):
+def test_parameter_types_match_nav2(tmp_path, costs, planner, distro):
     """Another type ends a node when it starts."""
     slashes = PARAMS.replace("planner::Nav", "planner/Nav") if distro == "humble" else PARAMS
     exported(tmp_path, costs, slashes, planner=planner, distro=distro)

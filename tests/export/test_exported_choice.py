@@ -68,7 +68,7 @@ def tuned_better(choice):
     return dataclasses.replace(choice, **made)
 
 
-def test_each_candidate_is_the_cheapest_path_on_its_costmap(driven):
+def test_candidate_path_is_cheapest_on_costmap(driven):
     names = [each.name for each in driven.candidates]
     assert {"shortest", "detour 1", "around"} <= {*names}
     assert AWARE in names
@@ -79,7 +79,7 @@ def test_each_candidate_is_the_cheapest_path_on_its_costmap(driven):
         assert path_metrics(costs, each.path).cost <= 1.03 * cheapest, each.name
 
 
-def test_limits_bind_the_mask_too(driven):
+def test_recommendation_costmap_respects_max_e(driven):
     limit = float(np.nanquantile(driven.costs.e, 0.9))
     settings = dataclasses.replace(driven.settings, max_e=limit)
     costs = dataclasses.replace(taking(driven, "detour 1"), settings=settings).costmap()
@@ -87,7 +87,7 @@ def test_limits_bind_the_mask_too(driven):
     assert costs.e[passable].max() <= limit < np.nanmax(driven.costs.e)
 
 
-def test_a_choice_without_drives_is_exported_by_its_field(field):
+def test_recommendation_without_drives_returns_field_costmap(field):
     costs = Costmap.from_field(field, robot=0.2)
     planned = recommend(field.grid, START, GOAL, ROBOT, costs=costs, drives=0)
     assert planned.costmap() is planned.costs
@@ -99,7 +99,7 @@ def exported(folder, *args, **settings):
     return found, [str(each.message) for each in caught]
 
 
-def test_the_mask_of_a_choice_is_that_of_the_path_to_take(tmp_path, driven):
+def test_keepout_mask_matches_recommended_path(tmp_path, driven):
     choice = taking(driven, "around")
     found, said = exported(tmp_path / "m", choice)
     values, _ = compute_keepout_mask(choice.costmap())
@@ -114,7 +114,7 @@ def test_the_mask_of_a_choice_is_that_of_the_path_to_take(tmp_path, driven):
     assert not (tmp_path / "m-routes").exists()
 
 
-def test_a_path_that_nav2_does_not_take_gets_a_route_graph(tmp_path, driven):
+def test_export_adds_graph_if_planner_deviates(tmp_path, driven):
     choice = taking(driven, "around")
     found, said = exported(tmp_path / "m", choice, planner_param=0.01)
     assert not found.paths[0].is_equivalent
@@ -126,7 +126,7 @@ def test_a_path_that_nav2_does_not_take_gets_a_route_graph(tmp_path, driven):
     assert "smac2d does not take around" in (tmp_path / "m/README.md").read_text()
 
 
-def test_a_path_that_has_no_route_graph_is_said_too(tmp_path, driven):
+def test_export_warns_about_missing_route_graph(tmp_path, driven):
     """It comes nearer to walls than the costmap's robot may."""
     costs = driven.costs
     near = plan(Costmap.blank(costs.grid, robot=0.05), START, GOAL, via=[(20.0, 12.0)]).path
@@ -137,7 +137,7 @@ def test_a_path_that_has_no_route_graph_is_said_too(tmp_path, driven):
     assert not (tmp_path / "m-routes").exists()
 
 
-def test_tune_first_is_said_before_the_mask(tmp_path, driven):
+def test_readme_puts_tuning_advice_first(tmp_path, driven):
     choice = tuned_better(taking(driven, "around"))
     (advice,) = choice.advice
     assert advice.startswith("Tune the filter first")
@@ -146,7 +146,7 @@ def test_tune_first_is_said_before_the_mask(tmp_path, driven):
     assert lines[2] == f"- {advice}"
 
 
-def test_tuning_is_not_advised_if_it_fails(tmp_path, driven):
+def test_advice_rejects_tuning_without_effect(tmp_path, driven):
     """A hall in which the lidar sees nothing brings no robot home with any filter."""
     choice = tuned_better(taking(driven, "around"))
     rival = dataclasses.replace(choice.rival, lost=np.ones_like(choice.rival.lost))
@@ -165,7 +165,7 @@ def test_tuning_is_not_advised_if_it_fails(tmp_path, driven):
     assert "first" not in (tmp_path / "m/README.md").read_text().lower()
 
 
-def test_a_loaded_choice_is_given_its_field(tmp_path, driven, field):
+def test_loaded_recommendation_needs_its_field(tmp_path, driven, field):
     choice = taking(driven, AWARE)
     choice.save(tmp_path / "planned")
     loaded = Recommendation.load(tmp_path / "planned")
@@ -180,13 +180,13 @@ def test_a_loaded_choice_is_given_its_field(tmp_path, driven, field):
         loaded.with_field(covariance_field(other, field.config))
 
 
-def test_a_choice_without_a_path_is_refused(driven):
+def test_costmap_rejects_recommendation_without_path(driven):
     nothing = dataclasses.replace(driven, candidates=(), judgement=None, status="unreachable")
     with pytest.raises(ConfigError, match="the recommendation has no path: The goal is"):
         nothing.costmap()
 
 
-def test_the_command_exports_a_choice(run, tmp_path, driven):
+def test_command_exports_recommendation(run, tmp_path, driven):
     grid = driven.costs.grid
     save_map(grid, tmp_path / "lab.yaml")
     tuned_better(taking(driven, AWARE)).save(tmp_path / "planned")
@@ -212,7 +212,7 @@ def test_the_command_exports_a_choice(run, tmp_path, driven):
 
 
 @pytest.mark.long
-def test_command_exports_choices_as_routes(run, tmp_path, driven):
+def test_command_exports_recommendations_as_routes(run, tmp_path, driven):
     grid = driven.costs.grid
     save_map(grid, tmp_path / "lab.yaml")
     near = dataclasses.replace(driven, candidates=(), judgement=None, status="unreachable")

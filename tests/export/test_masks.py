@@ -58,7 +58,7 @@ def costs():
 
 
 @pytest.mark.parametrize("stack", ["main", "humble", "ros1"])
-def test_all_values_survive_under_the_loader_of_their_stack(tmp_path, stack):
+def test_ros_map_values_survive_loading(tmp_path, stack):
     values = np.minimum(np.arange(-1, 101), 98).astype(np.int8).reshape(6, 17)
     grid = OccupancyGrid(np.full(values.shape, FREE), 0.05, (1.5, -2.5, 0.0))
     u = np.where(values < 0, np.nan, values / 100)
@@ -69,7 +69,7 @@ def test_all_values_survive_under_the_loader_of_their_stack(tmp_path, stack):
     assert read.resolution == float(np.float32(0.05))
 
 
-def test_ros_map_is_u_in_per_cent_for_every_stack(tmp_path, costs):
+def test_ros_map_contains_u_in_percent(tmp_path, costs):
     ros_map(tmp_path / "u", costs)
     per_cent = np.minimum(np.floor(100 * np.nan_to_num(costs.u) + 0.5), 98)
     expected = np.where(np.isnan(costs.u), -1, per_cent)
@@ -78,7 +78,7 @@ def test_ros_map_is_u_in_per_cent_for_every_stack(tmp_path, costs):
         np.testing.assert_array_equal(read.data, expected)
 
 
-def test_ros_map_is_valid_for_static_layer(tmp_path, costs):
+def test_static_layer_accepts_ros_map(tmp_path, costs):
     """Neither cell of u counts as an obstacle, with the parameters of the folder's README."""
     certain = dataclasses.replace(costs, u=np.where(costs.grid.free, 1.0, np.nan))
     ros_map(tmp_path / "u", certain)
@@ -103,7 +103,7 @@ def test_ros_map_is_valid_for_static_layer(tmp_path, costs):
 
 @pytest.mark.parametrize("stack", STACKS)
 @pytest.mark.parametrize("name", PLANNERS)
-def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name, stack):
+def test_planner_cost_matches_costmap_density(tmp_path, costs, name, stack):
     conversion = nav2_keepout(tmp_path / "mask", costs, planner=name)
     master = apply_mask(tmp_path / "mask", costs, stack)
     passable = np.isfinite(costs.density)
@@ -132,7 +132,7 @@ def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name
     assert error.mean() == pytest.approx(conversion.mean_quantisation, rel=0.2)
 
 
-def test_where_a_planner_saturates_is_said(tmp_path, costs):
+def test_mask_export_reports_saturation(tmp_path, costs):
     heavy = costs.with_weight(10.0)
     excess = 10.0 * heavy.u[heavy.grid.free]
     k = float(np.median(excess))
@@ -156,7 +156,7 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
 
 
 @pytest.mark.parametrize("write", [nav2_keepout, nav2_speed])
-def test_every_free_cell_has_a_value_and_no_other(tmp_path, costs, write):
+def test_mask_covers_exactly_free_cells(tmp_path, costs, write):
     wide = costs.with_robot(0.3)
     assert np.isinf(wide.density[wide.grid.free]).any()
     write(tmp_path / "out", wide)
@@ -179,7 +179,7 @@ def corridors(tmp_path_factory):
     ("radius", "scaling"),
     [(None, None), *itertools.product((0.15, 0.22, 0.3), (3.0, 10.0, 30.0, 100.0))],
 )
-def test_no_robot_goes_straight_along_the_wall(corridors, radius, scaling):
+def test_masked_smac2d_path_avoids_blind_corridor(corridors, radius, scaling):
     folder, costs, master = corridors
     grid = costs.grid
     if radius:  # else nothing is inflated
@@ -194,7 +194,7 @@ def test_no_robot_goes_straight_along_the_wall(corridors, radius, scaling):
     assert max(grid.position(*cell)[1] for cell in cells) > 9  # the irregular corridor
 
 
-def test_what_the_caller_blocks_is_lethal(costs):
+def test_blocked_cells_are_lethal_in_mask(costs):
     mine = np.zeros(costs.grid.shape, bool)
     mine[30:40, 50:70] = True
     values, _ = compute_keepout_mask(costs.with_blocked(mine))
@@ -208,7 +208,8 @@ def test_what_the_caller_blocks_is_lethal(costs):
     np.testing.assert_array_equal(values == 100, mine & costs.grid.free)
 
 
-def test_a_speed_mask_slows_down_by_degeneracy_and_never_stops(tmp_path, costs):
+def test_speed_limit_falls_linearly_with_degeneracy(tmp_path, costs):
+    """Nav2 reads a limit of 0 as no limit, so the mask never reaches 100."""
     nav2_speed(tmp_path / "speed", costs, slowest=0.25, lead=0.0)
     read = ros_readers.load(tmp_path / "speed" / "mask.yaml", "main")
     servers = yaml.safe_load((tmp_path / "speed" / "servers.yaml").read_text())
@@ -224,7 +225,7 @@ def test_a_speed_mask_slows_down_by_degeneracy_and_never_stops(tmp_path, costs):
     assert slow.max() <= 99
 
 
-def test_a_speed_limit_holds_before_its_place(tmp_path):
+def test_speed_limit_begins_before_degenerate_cell(tmp_path):
     grid = OccupancyGrid(np.full((21, 40), FREE), 0.1)
     u = np.zeros(grid.shape)
     u[10, 20] = 1.0
@@ -238,7 +239,8 @@ def test_a_speed_limit_holds_before_its_place(tmp_path):
 YAW = 0.6
 
 
-def test_masks_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, costs):
+def test_mask_drops_map_yaw(tmp_path, costs):
+    """Nav2 ignores the yaw of a map."""
     grid = OccupancyGrid(costs.grid.cells, 0.1, (2.0, -1.0, YAW), name="turned")
     turned = dataclasses.replace(costs, grid=grid)
     with pytest.warns(YawWarning, match=r"yaw of 0\.6 rad"):
@@ -248,7 +250,7 @@ def test_masks_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, costs
     assert (mask.data[np.isfinite(costs.density)] >= 0).all()
 
 
-def test_thetastar_realises_j_too(tmp_path):
+def test_thetastar_minimises_j_on_generated_map(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
     costs = Costmap.from_field(load_or_compute(grid, FieldConfig()), robot=0.25)
     at = environments.place_positions("two_corridors")
@@ -269,7 +271,7 @@ def test_thetastar_realises_j_too(tmp_path):
 
 @pytest.mark.parametrize("name", ["two_corridors", pytest.param("office", marks=pytest.mark.long)])
 @pytest.mark.parametrize("weight", [1.0, 12.0])
-def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
+def test_smac2d_minimises_j_on_generated_maps(tmp_path, name, weight):
     grid = environments.make(name, resolution=0.1)
     field = load_or_compute(grid, FieldConfig())
     costs = Costmap.from_field(field, weight=weight, robot=0.25)
@@ -282,7 +284,7 @@ def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
 @pytest.mark.parametrize(
     "name", sample_cases(["aws_small_house", "willow_full_stage", "tuw_warehouse032"])
 )
-def test_smac2d_realises_j_on_real_maps(tmp_path, real_maps, name):
+def test_smac2d_minimises_j_on_real_maps(tmp_path, real_maps, name):
     (file,) = (real_maps / name).glob("*.yaml")
     grid = load_map(file)
     field = load_or_compute(grid, FieldConfig(stride=0.4))
@@ -299,7 +301,7 @@ PLACES = (
 
 
 @pytest.mark.long
-def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
+def test_smac2d_median_j_equals_minimum(tmp_path, real_maps):
     ratios = []
     for name in PLACES:
         (file,) = (real_maps / name).glob("*.yaml")
@@ -312,7 +314,7 @@ def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
     assert abs(np.median(ratios) - 1) < 0.003
 
 
-def test_without_the_mask_smac2d_takes_the_blind_corridor(tmp_path):
+def test_smac2d_takes_blind_corridor_without_mask(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
     costs = Costmap.from_field(load_or_compute(grid, FieldConfig()), robot=0.25)
     at = environments.place_positions("two_corridors")
@@ -325,7 +327,7 @@ def test_without_the_mask_smac2d_takes_the_blind_corridor(tmp_path):
     assert with_ours.length > without.length + 5
 
 
-def test_a_density_of_ones_own_can_be_exported(tmp_path, costs):
+def test_keepout_export_accepts_custom_density(tmp_path, costs):
     density = np.where(np.isfinite(costs.density), 1 + 2 * np.nan_to_num(costs.u), np.inf)
     own = Costmap.from_density(costs.grid, density)
     conversion = nav2_keepout(tmp_path / "mask", own)
@@ -336,7 +338,7 @@ def test_a_density_of_ones_own_can_be_exported(tmp_path, costs):
         ros_map(tmp_path / "u", own)
 
 
-def test_values_are_the_nearest_of_all(costs):
+def test_mask_values_minimise_rounding_error(costs):
     density = 1 + np.linspace(0, 8.125, 400)[None]  # 6.5 fits
     blank = Costmap.blank(OccupancyGrid(np.full((1, 400), FREE), 0.1))
     steep = dataclasses.replace(blank, weight=4.0, u=(density - 1) / 4)
@@ -360,18 +362,19 @@ def test_values_are_the_nearest_of_all(costs):
         ({"distro": "foxy"}, "distro must be one of"),
     ],
 )
-def test_wrong_settings_leave_nothing_behind(tmp_path, costs, settings, message):
+def test_keepout_export_rejects_wrong_settings(tmp_path, costs, settings, message):
+    """A refused export writes no files."""
     with pytest.raises(LocplanError, match=message):
         nav2_keepout(tmp_path / "mask", costs, **settings)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_radius_that_blocks_everything_is_told(tmp_path, costs):
+def test_keepout_export_rejects_oversized_robot(tmp_path, costs):
     with pytest.raises(LocplanError, match="no cell of the costmap is passable"):
         nav2_keepout(tmp_path / "mask", costs.with_robot(50.0))
 
 
-def test_a_map_without_free_space_gets_no_mask(tmp_path):
+def test_mask_export_rejects_occupied_map(tmp_path):
     walls = ascii_map("###", "###", resolution=0.1)
     costs = Costmap.from_field(load_or_compute(walls, FieldConfig()))
     for write in (nav2_keepout, nav2_speed):
@@ -380,7 +383,7 @@ def test_a_map_without_free_space_gets_no_mask(tmp_path):
     assert not (tmp_path / "mask").exists()
 
 
-def test_thetastar_cannot_charge_any_factor(tmp_path, costs):
+def test_thetastar_mask_rejects_large_weight(tmp_path, costs):
     with pytest.raises(LocplanError, match="only 94 times"):
         nav2_keepout(tmp_path / "mask", costs.with_weight(100.0), planner="thetastar")
 
@@ -397,7 +400,7 @@ def readme_of(folder):
         ("thetastar", ("`w_traversal_cost: ",)),
     ],
 )
-def test_a_folder_says_what_the_mask_needs(tmp_path, costs, planner, words):
+def test_readme_lists_planner_settings(tmp_path, costs, planner, words):
     nav2_keepout(tmp_path / "mask", costs, planner=planner)
     text = readme_of(tmp_path / "mask")
     assert all(word in text for word in words)
@@ -411,7 +414,7 @@ def folder_of(path):
     return {file.name: file.read_bytes() for file in path.iterdir()}
 
 
-def test_a_folder_is_written_whole_or_not_at_all(tmp_path, costs, monkeypatch):
+def test_failed_export_keeps_previous_folder(tmp_path, costs, monkeypatch):
     nav2_keepout(tmp_path / "mask", costs)
     before = folder_of(tmp_path / "mask")
 
@@ -425,7 +428,7 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path, costs, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["mask"]
 
 
-def test_only_an_export_of_ours_is_replaced(tmp_path, costs):
+def test_export_protects_foreign_folders(tmp_path, costs):
     (tmp_path / "empty").mkdir()
     ros_map(tmp_path / "empty", costs)
     with pytest.raises(LocplanError, match=r"results of another command \(ros-map\)"):
@@ -441,7 +444,7 @@ def test_only_an_export_of_ours_is_replaced(tmp_path, costs):
 
 
 @pytest.mark.parametrize("change", sample_cases(["edited", "added"]))
-def test_an_export_that_was_worked_on_is_not_replaced(tmp_path, costs, change):
+def test_export_protects_edited_folders(tmp_path, costs, change):
     folder = tmp_path / "mask"
     nav2_keepout(folder, costs)
     if change == "added":
@@ -457,7 +460,7 @@ def test_an_export_that_was_worked_on_is_not_replaced(tmp_path, costs, change):
 
 
 @pytest.mark.parametrize("write", [nav2_keepout, nav2_speed, ros_map])
-def test_a_folder_says_what_it_holds_in_a_few_lines(tmp_path, costs, write):
+def test_short_readme_lists_all_files(tmp_path, costs, write):
     write(tmp_path / "out", costs)
     files = folder_of(tmp_path / "out")
     lines = [line for line in files["README.md"].decode().splitlines() if line]
@@ -470,7 +473,7 @@ def test_a_folder_says_what_it_holds_in_a_few_lines(tmp_path, costs, write):
     assert (about["weight"], about["criterion"]) == (4.0, "e")
 
 
-def test_the_launch_file_starts_the_nodes_that_have_parameters(tmp_path, costs):
+def test_launch_file_starts_configured_nodes(tmp_path, costs):
     from xml.etree import ElementTree
 
     nav2_keepout(tmp_path / "out", costs)
@@ -509,7 +512,7 @@ planner_server:
 """
 
 
-def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
+def test_export_merges_into_robot_parameters(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS)
     change = "nav2.yaml changes values of own.yaml: planner_server.Good.allow_unknown: false"
     with pytest.warns(ParametersChanged, match=re.escape(change)):
@@ -533,7 +536,7 @@ def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
     assert yaml.safe_load((tmp_path / "again" / "nav2.yaml").read_text()) == merged
 
 
-def test_what_stands_beside_a_nodes_parameters_stays(tmp_path, costs):
+def test_export_keeps_other_nested_nodes(tmp_path, costs):
     """Older files have nodes of Nav2's own beside a costmap, such as global_costmap_client."""
     (tmp_path / "own.yaml").write_text(
         "global_costmap: {global_costmap: {ros__parameters: {a: 1}},"
@@ -605,7 +608,7 @@ def test_speed_mask_takes_lower_limit(tmp_path, costs, zones):
         assert (tmp_path / "mask" / "zones.geojson").read_text() == zones.text
 
 
-def test_speed_limit_of_zone_begins_before_it(tmp_path, costs, zones):
+def test_speed_limit_begins_before_slow_zone(tmp_path, costs, zones):
     nav2_speed(tmp_path / "mask", in_zones(costs, zones), slowest=1.0, lead=0.5)
     mask = ros_readers.load(tmp_path / "mask" / "mask.yaml", "main")
     row, col = costs.grid.cell((6.55, 1.0))
@@ -644,7 +647,7 @@ def test_export_with_zones_has_both_masks(tmp_path, costs, zones):
     assert not {"zones.geojson", "speed_mask.yaml"} & set(folder)
 
 
-def test_unturned_costmap_has_its_zones_in_the_same_cells(costs, zones):
+def test_dropping_yaw_keeps_zone_cells(costs, zones):
     turned = dataclasses.replace(costs.grid, origin=(2.0, -1.0, 0.3))
     polygons = [
         dataclasses.replace(
@@ -664,7 +667,7 @@ def test_unturned_costmap_has_its_zones_in_the_same_cells(costs, zones):
 
 
 @pytest.mark.parametrize("distro", ["kilted", "lyrical", "rolling"])
-def test_vector_objects_are_the_no_go_zones(tmp_path, costs, zones, distro):
+def test_vector_objects_equal_no_go_zones(tmp_path, costs, zones, distro):
     """From lyrical on, nav2_map_server has a vector object server."""
     turned = dataclasses.replace(
         in_zones(costs, zones), grid=dataclasses.replace(costs.grid, origin=(2.0, -1.0, 0.3))
@@ -692,7 +695,7 @@ def test_vector_objects_are_the_no_go_zones(tmp_path, costs, zones, distro):
     assert info["filter_info_topic"] in folder["README.md"].decode()
 
 
-def test_masks_of_several_kinds_go_together(tmp_path, costs):
+def test_speed_export_keeps_keepout_filter(tmp_path, costs):
     nav2_keepout(tmp_path / "one", costs)
     nav2_speed(tmp_path / "two", costs, params=tmp_path / "one" / "nav2.yaml")
     merged = yaml.safe_load((tmp_path / "two" / "nav2.yaml").read_text())
@@ -706,7 +709,7 @@ def test_masks_of_several_kinds_go_together(tmp_path, costs):
     assert not (nodes[0] & nodes[1])
 
 
-def test_the_robots_other_planners_stay(tmp_path, costs):
+def test_export_keeps_other_planners(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(PARAMS)
     ours = (
         r"own\.yaml: its planners are Fast \(nav2_navfn_planner::.*; the export adds Localizability"
@@ -737,7 +740,7 @@ def test_the_robots_other_planners_stay(tmp_path, costs):
         (("nav2_navfn_planner::NavfnPlanner", THETA), "thetastar", "Fast"),
     ],
 )
-def test_a_mask_is_for_the_robots_own_planner(tmp_path, costs, change, planner, called):
+def test_mask_uses_planner_of_robot(tmp_path, costs, change, planner, called):
     (tmp_path / "own.yaml").write_text(PARAMS.replace(*change))
     with warnings.catch_warnings(record=True, action="always"):
         found = nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
@@ -756,7 +759,7 @@ def test_a_mask_is_for_the_robots_own_planner(tmp_path, costs, change, planner, 
         ),
     ],
 )
-def test_planners_of_another_distribution_are_noticed(tmp_path, costs, distro, plugin, words):
+def test_export_warns_about_wrong_distribution(tmp_path, costs, distro, plugin, words):
     (tmp_path / "own.yaml").write_text(
         f'planner_server: {{ros__parameters: {{planner_plugins: [A], A: {{plugin: "{plugin}"}}}}}}'
     )
@@ -764,7 +767,7 @@ def test_planners_of_another_distribution_are_noticed(tmp_path, costs, distro, p
         nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml", distro=distro)
 
 
-def test_texts_stay_texts_and_numbers_numbers_to_ros(tmp_path, costs):
+def test_merged_parameters_keep_yaml_types(tmp_path, costs):
     own = 'amcl: {ros__parameters: {a: "1e3", b: 1e3, c: "y", d: y, e: N, f: "no", g: x}}\n'
     (tmp_path / "own.yaml").write_text(own)
     nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
@@ -778,14 +781,14 @@ def test_texts_stay_texts_and_numbers_numbers_to_ros(tmp_path, costs):
         assert f"    {line}\n" in text
 
 
-def test_a_second_speed_filter_is_noticed(tmp_path, costs):
+def test_speed_export_warns_about_second_filter(tmp_path, costs):
     own = PARAMS.replace("KeepoutFilter", "SpeedFilter")
     (tmp_path / "own.yaml").write_text(own)
     with pytest.warns(RobotWarning, match="global_costmap has a speed filter, keepout_filter"):
         nav2_speed(tmp_path / "m", costs, params=tmp_path / "own.yaml")
 
 
-def test_what_is_added_to_parameters_is_listed(tmp_path, costs):
+def test_readme_lists_added_parameters(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(
         PARAMS.replace("allow_unknown: true", "allow_unknown: false")
     )
@@ -796,14 +799,14 @@ def test_what_is_added_to_parameters_is_listed(tmp_path, costs):
     assert "has other values" not in text
 
 
-def test_the_map_is_drawn_and_told_as_nav2_has_it(tmp_path, costs):
+def test_readme_reports_ignored_map_yaw(tmp_path, costs):
     grid = OccupancyGrid(costs.grid.cells, 0.1, (2.0, -1.0, YAW), name="turned")
     with pytest.warns(YawWarning):
         nav2_keepout(tmp_path / "m", dataclasses.replace(costs, grid=grid))
     assert "The map has a yaw of 0.6 rad, which Nav2 ignores" in readme_of(tmp_path / "m")
 
 
-def test_what_a_conversion_assumes_is_set(tmp_path, costs):
+def test_export_overrides_incompatible_planner_parameters(tmp_path, costs):
     (tmp_path / "own.yaml").write_text(
         "planner_server: {ros__parameters: {planner_plugins: [A], A: {plugin: "
         '"nav2_smac_planner::SmacPlannerHybrid", use_quadratic_cost_penalty: true, '
@@ -834,7 +837,7 @@ def test_what_a_conversion_assumes_is_set(tmp_path, costs):
         "robot1: {map_server: {ros__parameters: {a: 1}}}",
     ],
 )
-def test_parameters_that_are_none_are_refused(tmp_path, costs, text):
+def test_export_rejects_invalid_parameter_files(tmp_path, costs, text):
     (tmp_path / "own.yaml").write_text(text)
     with pytest.raises(LocplanError, match=r"own\.yaml") as fault:
         nav2_keepout(tmp_path / "mask", costs, params=tmp_path / "own.yaml")
@@ -843,7 +846,7 @@ def test_parameters_that_are_none_are_refused(tmp_path, costs, text):
 
 
 @pytest.mark.parametrize(("theirs", "then"), [(2.0, 10.0), (30.0, 30.0)])
-def test_a_longer_time_for_planning_stays(tmp_path, costs, theirs, then):
+def test_export_keeps_longer_planning_time(tmp_path, costs, theirs, then):
     (tmp_path / "own.yaml").write_text(
         "planner_server: {ros__parameters: {planner_plugins: [A], A: {plugin: "
         f'"nav2_smac_planner::SmacPlanner2D", max_planning_time: {theirs}}}}}}}'
@@ -856,7 +859,7 @@ def test_a_longer_time_for_planning_stays(tmp_path, costs, theirs, then):
 
 
 @pytest.mark.parametrize("distro", sample_cases(["humble", "jazzy", "kilted", "lyrical"], 2))
-def test_each_distribution_has_what_its_nav2_reads(tmp_path, costs, distro):
+def test_parameters_match_ros_distribution(tmp_path, costs, distro):
     """The lists are those of the branches of ros-navigation/navigation2, main for rolling."""
     unsure = distro in ("kilted", "lyrical", "rolling")
     with pytest.warns(DistroWarning) if unsure else nullcontext():
@@ -923,7 +926,7 @@ def export_mask(tmp_path, costs):
         (nav2_speed, "speed", "speed_mask:=$PWD/mask.yaml use_keepout_zones:=False"),
     ],
 )
-def test_bringup_publishes_masks_from_kilted_on(export_mask, write, kind, arguments):
+def test_bringup_publishes_masks_since_kilted(export_mask, write, kind, arguments):
     """bringup_launch.py starts both servers and gives the mask's file to the first one."""
     folder, nav2 = export_mask(write, "kilted")
     steps = [line for line in readme_of(folder).splitlines() if re.match(r"\d\. ", line)]
@@ -971,7 +974,7 @@ def test_second_mask_keeps_first_in_bringup(export_mask, tmp_path, costs):
     assert is_enabled(nav2, "localizability_keepout_filter") is True
 
 
-def test_servers_are_added_to_file_of_costmap(tmp_path, costs):
+def test_export_adds_servers_to_costmap_file(tmp_path, costs):
     (tmp_path / "amcl.yaml").write_text("amcl: {ros__parameters: {alpha1: 0.1}} # mine\n")
     (tmp_path / "own.yaml").write_text("# mine\n" + PARAMS)
     files = [tmp_path / "amcl.yaml", tmp_path / "own.yaml"]
@@ -984,7 +987,7 @@ def test_servers_are_added_to_file_of_costmap(tmp_path, costs):
 
 
 @pytest.mark.parametrize("lead", [0.0, 0.8])
-def test_speed_filter_looks_ahead_from_lyrical_on(export_mask, costs, lead):
+def test_speed_filter_looks_ahead_since_lyrical(export_mask, costs, lead):
     """speed_filter.cpp looks ahead by at least `min_lookahead`; its odometry needs "/"."""
     folders = {}
     for distro in ("kilted", "lyrical"):
@@ -1038,7 +1041,7 @@ def test_navfn_gets_cycles_for_longer_paths(export_mask, distro, factor, expecte
 ROUTE = Path(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]]))
 
 
-def test_paths_are_read_back(tmp_path):
+def test_loaded_path_equals_written_path(tmp_path):
     plain_files.write_path_file(tmp_path / "p.csv", ROUTE)
     again = Path.load(tmp_path / "p.csv")
     np.testing.assert_allclose(again.xy, ROUTE.xy)
@@ -1059,7 +1062,7 @@ def test_paths_are_read_back(tmp_path):
     assert json.loads((tmp_path / "p.geojson").read_text()) == ROUTE.to_geojson(frame="odom")
 
 
-def test_a_path_is_a_message_that_ros_takes(tmp_path):
+def test_path_yaml_is_valid_ros_message(tmp_path):
     from rosbags.typesys import Stores, get_typestore
 
     plain_files.write_path_file(tmp_path / "p.yaml", ROUTE)
@@ -1080,7 +1083,7 @@ def test_a_path_is_a_message_that_ros_takes(tmp_path):
 @pytest.mark.parametrize(
     "text", ["", "x_m,y_m\n1,2", "x,y", "x,y\n1", "x,y\n1,nan", "x,y\na,b", "\x00"]
 )
-def test_files_that_hold_no_path_are_refused(tmp_path, text):
+def test_path_rejects_invalid_files(tmp_path, text):
     (tmp_path / "p.csv").write_text(text)
     with pytest.raises(LocplanError):
         Path.load(tmp_path / "p.csv")
@@ -1136,7 +1139,8 @@ FORMATS = (ExportFormat("toy", "the greatest e", write, ToyOptions, suffixes=(".
 '''
 
 
-def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
+def test_command_supports_registered_format(run, tmp_path, monkeypatch):
+    """A new format needs a file and a line in FORMATS."""
     (tmp_path / "toy_format.py").write_text(TOY)
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("locplan.app.cli.export", "toy_format"):
@@ -1168,7 +1172,7 @@ def test_formats_describe_every_option():
             assert doc.endswith("."), f"{each.name}: {name}"
 
 
-def test_a_file_in_the_way_is_replaced_with_force_only(run, tmp_path):
+def test_command_overwrites_files_only_with_force(run, tmp_path):
     save_map(ascii_map("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
     (tmp_path / "mine.csv").write_text("years of work")
     ask = "export", tmp_path / "bay.yaml", "--to", "path", "--start", "0.8,0.8"

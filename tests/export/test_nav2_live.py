@@ -158,7 +158,7 @@ def exported(folder, costs, **settings):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_mask_is_served_as_it_was_made(tmp_path, costs, started, node):
+def test_mask_server_publishes_exported_mask(tmp_path, costs, started, node):
     from nav2_msgs.msg import CostmapFilterInfo
     from nav_msgs.msg import OccupancyGrid
 
@@ -176,7 +176,7 @@ def test_the_mask_is_served_as_it_was_made(tmp_path, costs, started, node):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("planner", ["smac2d", "thetastar"])
-def test_nav2s_planner_takes_the_aware_path(tmp_path, costs, started, node, planner):
+def test_nav2_planner_minimises_cost_with_mask(tmp_path, costs, started, node, planner):
     from nav2_msgs.action import ComputePathToPose
 
     exported(tmp_path, costs, planner=planner)
@@ -196,7 +196,7 @@ def test_nav2s_planner_takes_the_aware_path(tmp_path, costs, started, node, plan
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_route_server_takes_the_recommended_way(tmp_path, costs, started, node):
+def test_route_server_follows_recommended_path(tmp_path, costs, started, node):
     action = pytest.importorskip("nav2_msgs.action", reason="this Nav2 has no actions")
     if not hasattr(action, "ComputeRoute"):
         pytest.skip("this Nav2 has no route server")

@@ -51,7 +51,7 @@ ENDS = (
     ("radius", "factor"),
     sample_cases([(0.55, 10.0), (1.5, 1.5), (0.7, 3.0), (1.0, 3.0)], 2, are_rows=True),
 )
-def test_no_inflation_hides_a_mask(corridors, name, radius, factor):
+def test_inflation_does_not_hide_mask(corridors, name, radius, factor):
     inflation = inflated(radius, factor)
     values, conversion = compute_keepout_mask(corridors, planner=name, inflation=inflation)
     assert conversion.saturated_share == 0
@@ -68,7 +68,7 @@ def test_no_inflation_hides_a_mask(corridors, name, radius, factor):
         assert path_metrics(meant, path).cost <= 1.15 * best
 
 
-def test_the_inflation_is_that_of_nav2():
+def test_inflation_costs_equal_nav2_costs():
     cells = random_rooms((40, 50), seed=3)
     grid = OccupancyGrid(cells, 0.1)
     for radius, factor in ((0.55, 10.0), (1.0, 2.5)):
@@ -88,7 +88,7 @@ def test_the_inflation_is_that_of_nav2():
         ("a: 1", 0.1078),
     ],
 )
-def test_the_inscribed_radius_is_that_of_the_padded_corners(tmp_path, costmap, inscribed):
+def test_inscribed_radius_includes_footprint_padding(tmp_path, costmap, inscribed):
     file = tmp_path / "own.yaml"
     layer = 'plugins: [walls], walls: {plugin: "nav2_costmap_2d::InflationLayer"}'
     start = "global_costmap: {global_costmap: {ros__parameters: {"
@@ -147,7 +147,7 @@ def test_masked_path_keeps_room_for_follower(tmp_path, corridors):
     assert costmap["inflation_layer"]["cost_scaling_factor"] == 3.0
 
 
-def test_steeper_inflation_is_offered_with_its_price(tmp_path, corridors):
+def test_export_offers_steeper_inflation_with_cost(tmp_path, corridors):
     ours = plan(corridors, (2, 3), (38, 3)).path
     wide = PARAMS.replace("radius: 0.7", "radius: 1.5").replace("factor: 3.0", "factor: 1.5")
     conversion, texts, readme = exported(tmp_path, corridors, wide, paths={"aware": ours})
@@ -175,7 +175,7 @@ def test_robot_settings_change_mask(tmp_path, change):
     assert masks[0] != masks[1]
 
 
-def test_gap_without_wider_way_stays_open(tmp_path):
+def test_mask_keeps_only_door_open(tmp_path):
     """The only door of a room is no gap that a mask may close."""
     cells = np.full((60, 120), FREE)
     cells[:, 60], cells[27:33, 60] = 0, FREE

@@ -57,7 +57,7 @@ def cheapest(graph, start, goal):
     return route[::-1]
 
 
-def test_ways_are_joined_and_free_and_cost_what_the_paths_cost(costs, paths):
+def test_route_graph_joins_recommended_paths(costs, paths):
     found = build_recommended_routes(costs, paths)
     apart = sum(path.length for path in paths.values())
     assert found.graph.length.sum() < 0.7 * apart  # most of the corridor is one lane
@@ -76,7 +76,7 @@ def test_ways_are_joined_and_free_and_cost_what_the_paths_cost(costs, paths):
     assert (u >= 0).all()
 
 
-def test_the_cheapest_routes_are_the_recommended_ways(costs, paths):
+def test_cheapest_routes_follow_recommended_paths(costs, paths):
     for given in (
         paths,
         {**paths, "dock to gate": plan(costs.with_weight(0), *list(STATIONS.values())[:2]).path},
@@ -90,7 +90,7 @@ def test_the_cheapest_routes_are_the_recommended_ways(costs, paths):
         assert (found.graph.cost >= found.graph.length - 1e-12).all()
 
 
-def test_costs_change_only_where_another_route_is_cheaper(costs, paths):
+def test_cheapest_path_keeps_edge_costs(costs, paths):
     least = build_recommended_routes(costs, {"dock to gate": paths["dock to gate"]})
     assert least.n_changed_edges == 0
     graph = least.graph
@@ -98,7 +98,7 @@ def test_costs_change_only_where_another_route_is_cheaper(costs, paths):
     np.testing.assert_allclose(graph.cost, expected)
 
 
-def test_the_least_change_of_costs():
+def test_edge_cost_adjustment_is_minimal():
     """A triangle whose detour is recommended; one each way; and two ways between the same nodes."""
     nodes = np.array([[0.0, 0.0], [10.0, 0.0], [5.0, 8.0]])
     edges = np.array([[0, 1], [0, 2], [1, 2], [1, 0], [2, 0], [2, 1]])
@@ -117,7 +117,7 @@ def test_the_least_change_of_costs():
         assert (cost >= length - 1e-9).all()
 
 
-def test_a_path_joins_a_lane_beside_it_and_leaves_it():
+def test_path_joins_and_leaves_parallel_lane():
     grid = OccupancyGrid(np.full((100, 400), 254), 0.1)
     lines = LineCosts(Costmap.blank(grid, robot=0.0))
     lane = Path(np.array([[1.0, 5.0], [39.0, 5.0]]))
@@ -132,7 +132,7 @@ def test_a_path_joins_a_lane_beside_it_and_leaves_it():
     assert all(one != other for way in ways.values() for one, other in pairwise(way))
 
 
-def test_a_path_that_crosses_itself_becomes_a_way_without_the_loop():
+def test_route_omits_loop_of_path():
     """The wall makes the line from the loop's last node to where the path goes on impassable."""
     cells = np.full((100, 100), 254)
     cells[55:, 48:52] = 0
@@ -148,14 +148,14 @@ def test_a_path_that_crosses_itself_becomes_a_way_without_the_loop():
         assert len(set(ways["loop"])) == len(ways["loop"])
 
 
-def test_what_cannot_be_joined(costs):
+def test_route_graph_rejects_unusable_paths(costs):
     with pytest.raises(ConfigError, match="no path to export"):
         build_recommended_routes(costs, {"stay": Path(np.array([[2.0, 3.0]]))})
     with pytest.raises(ConfigError, match="path wall leaves the map's free space"):
         build_recommended_routes(costs, {"wall": Path(np.array([[2.0, 3.0], [20.0, 6.0]]))})
 
 
-def test_a_path_that_ends_where_it_starts_is_refused(costs, paths):
+def test_route_graph_rejects_round_trips(costs, paths):
     """A server's route from a node to itself is empty."""
     round_trip = Path(np.array([[2.0, 3.0], [10.0, 3.0], [2.0, 3.015]]))
     for given in ({"round": round_trip}, {**paths, "round": round_trip}):
@@ -166,7 +166,7 @@ def test_a_path_that_ends_where_it_starts_is_refused(costs, paths):
     assert set(found.routes) == set(paths)
 
 
-def test_maps_far_from_the_origin_are_too_coarse():
+def test_route_graph_rejects_distant_origin():
     """Nav2 keeps positions in single precision, whose step is 0.25 m there."""
     grid = OccupancyGrid(np.full((50, 50), 254), 0.1, (4e6, 0.0, 0.0))
     path = Path(np.array([[4e6 + 1, 1.0], [4e6 + 4, 4.0]]))
@@ -180,7 +180,7 @@ def features_of(folder):
     return points, [f["properties"] for f in found if f["geometry"]["type"] == "LineString"]
 
 
-def test_a_folder_holds_graph_and_table(tmp_path, costs, paths):
+def test_route_export_writes_graph_and_table(tmp_path, costs, paths):
     found = nav2_routes(tmp_path / "routes", costs, paths, distro="humble")
     points, lines = features_of(tmp_path / "routes")
     assert len(points) == len(found.graph.nodes)
@@ -203,7 +203,7 @@ def test_a_folder_holds_graph_and_table(tmp_path, costs, paths):
     assert "nav2_bringup has none in humble" in readme
 
 
-def test_a_querys_name_is_no_formula_in_the_table(tmp_path, costs, paths):
+def test_route_table_escapes_formulas(tmp_path, costs, paths):
     named = {"=HYPERLINK(1)": paths["dock to gate"]}
     nav2_routes(tmp_path / "routes", costs, named, distro="jazzy")
     with open(tmp_path / "routes" / "routes.csv", newline="") as file:
@@ -214,9 +214,7 @@ def test_a_querys_name_is_no_formula_in_the_table(tmp_path, costs, paths):
     ("distro", "words"),
     [("jazzy", "starts a route server in jazzy"), ("rolling", "graph:=$PWD/graph.geojson")],
 )
-def test_each_distribution_is_told_how_its_server_gets_the_graph(
-    tmp_path, costs, paths, distro, words
-):
+def test_readme_explains_graph_per_distribution(tmp_path, costs, paths, distro, words):
     if distro == "rolling":
         with pytest.warns(DistroWarning):
             nav2_routes(tmp_path / "r", costs, paths, distro=distro)
@@ -225,7 +223,8 @@ def test_each_distribution_is_told_how_its_server_gets_the_graph(
     assert words in (tmp_path / "r" / "README.md").read_text()
 
 
-def test_routes_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, costs, paths):
+def test_route_graph_drops_map_yaw(tmp_path, costs, paths):
+    """Nav2 ignores the yaw of a map."""
     grid = OccupancyGrid(costs.grid.cells, 0.1, (*costs.grid.origin[:2], 0.7), name="turned")
     turned = Costmap.from_density(grid, costs.density)
     here = {
@@ -240,7 +239,8 @@ def test_routes_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, cost
     np.testing.assert_allclose(one, other, atol=1e-4)
 
 
-def test_a_path_along_an_edge_is_exported_in_single_precision():
+def test_path_along_wall_survives_rounding():
+    """Nav2 keeps positions in single precision, which rounds this path into a wall."""
     density = np.ones((16, 60))
     density[8:] = np.inf
     costs = Costmap.from_density(OccupancyGrid(np.full((16, 60), FREE, np.uint8), 0.1), density)
@@ -279,7 +279,7 @@ def test_routes_figure_colours_cost_per_metre(costs, paths):
     assert bar.get_ylabel() == "cost per metre of the edge"
 
 
-def test_geojson_adds_up_by_nav2_scorers(costs, paths):
+def test_geojson_costs_match_nav2_scorers(costs, paths):
     graph = build_recommended_routes(costs, paths).graph
     features = json.loads(json.dumps(graph_to_geojson(graph), allow_nan=False))["features"]
     points = [f for f in features if f["geometry"]["type"] == "Point"]

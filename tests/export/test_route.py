@@ -56,7 +56,7 @@ def random_pairs(count, share, rng):
 
 @pytest.mark.parametrize(("resolution", "origin"), WORLDS)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_lines_cost_their_exact_integral_or_are_blocked(shape, resolution, origin):
+def test_line_costs_equal_exact_integral(shape, resolution, origin):
     rng = np.random.default_rng(1)
     density = density_from(shape, 1)
     ends = rng.uniform(0, 1, (15, 2)) * shape
@@ -69,7 +69,8 @@ def test_lines_cost_their_exact_integral_or_are_blocked(shape, resolution, origi
     np.testing.assert_allclose(costs, expected, rtol=1e-6)
 
 
-def test_lines_cost_the_same_both_ways_and_one_by_one():
+def test_line_cost_is_symmetric():
+    """A single line costs as much as in a batch."""
     space = space_of(density_from((9, 9), 1), *WORLDS[1])
     xy = to_world(np.random.default_rng(1).uniform(0, 9, (30, 2)), *WORLDS[1])
     pairs = random_pairs(30, 1.0, np.random.default_rng(2))
@@ -85,28 +86,29 @@ def test_lines_cost_the_same_both_ways_and_one_by_one():
 
 
 @pytest.mark.parametrize("start", [(-0.5, 2.0), (2.0, -7.5), (4.2, 2.0), (2.0, 900.0)])
-def test_a_line_from_outside_the_grid_is_blocked(start):
+def test_line_starting_outside_grid_is_blocked(start):
     space = space_of(np.ones((4, 6)), *WORLDS[0])
     xy = to_world([start, (1.5, 1.5)], *WORLDS[0])
     assert kernels.integrate_line_cost(*space, xy[0], xy[1]) == np.inf
 
 
 @pytest.mark.parametrize("end", [(-0.5, 1.5), (4.5, 1.5), (50.0, 50.0), (1.5, -500.0)])
-def test_a_line_to_outside_the_grid_is_blocked(end):
+def test_line_ending_outside_grid_is_blocked(end):
     space = space_of(np.ones((4, 6)), *WORLDS[0])
     xy = to_world([(1.5, 1.5), end], *WORLDS[0])
     assert kernels.integrate_line_cost(*space, xy[0], xy[1]) == np.inf
 
 
 @pytest.mark.parametrize("at", [(1.5, 1.5), (-0.5, 2.5), (4.5, 2.5), (-9.0, 2.5)])
-def test_a_line_of_no_length_is_blocked_where_its_position_is(at):
+def test_blocked_position_blocks_zero_length_line(at):
     density = np.ones((4, 6))
     density[1, 1] = np.inf
     xy = to_world([at], *WORLDS[0])
     assert kernels.integrate_line_cost(*space_of(density, *WORLDS[0]), xy[0], xy[0]) == np.inf
 
 
-def test_lines_between_corners_and_edges_are_blocked_where_they_end_at_a_blocked_cell():
+def test_border_line_costs_equal_exact_integral():
+    """Lines that end at a corner or edge of a blocked cell are blocked."""
     density = density_from((5, 6), 3)
     ends = np.argwhere(np.ones((11, 13))) / 2
     ends = ends[np.random.default_rng(0).permutation(len(ends))[:50]]

@@ -59,7 +59,7 @@ def written(folder, costs, paths):
     return text, yaml.safe_load(text)["route_server"]["ros__parameters"], changed
 
 
-def test_a_robots_operations_and_comments_stay(tmp_path, costs, paths):
+def test_export_keeps_operations_and_comments(tmp_path, costs, paths):
     text, own, changed = written(tmp_path, costs, paths)
     assert "1.0  # as the hall is" in text
     assert "max_collision_dist: 3.0  # metres" in text
@@ -77,7 +77,7 @@ def test_a_robots_operations_and_comments_stay(tmp_path, costs, paths):
     assert alone.keys() == own.keys() - {"graph_filepath"}
 
 
-def test_the_server_gets_the_types_that_it_declares(tmp_path, costs, paths):
+def test_route_server_parameters_have_declared_types(tmp_path, costs, paths):
     _, own, _ = written(tmp_path, costs, paths)
     for name, kind in TYPES.items():
         value = own
@@ -96,7 +96,7 @@ def test_the_server_gets_the_types_that_it_declares(tmp_path, costs, paths):
         ("kilted", "params_file:=$PWD/nav2.yaml graph:=$PWD/graph.geojson`"),
     ],
 )
-def test_the_folder_says_how_the_server_is_started_and_asked(tmp_path, costs, paths, distro, words):
+def test_readme_shows_route_server_commands(tmp_path, costs, paths, distro, words):
     (tmp_path / "own.yaml").write_text(PARAMS)
     with warnings.catch_warnings(action="ignore"):
         settings = {"params": tmp_path / "own.yaml", "distro": distro}

@@ -92,7 +92,7 @@ def edges_in(graph):
     return {line["properties"]["id"]: line["properties"] for line in lines}
 
 
-def test_edges_cost_what_their_lines_cost(costs):
+def test_edge_costs_equal_path_costs(costs):
     annotated = annotate_graph(costs, swagger_graph())
     for about in edges_in(annotated).values():
         line = np.array([NODES[about["startid"]], NODES[about["endid"]]])
@@ -103,7 +103,7 @@ def test_edges_cost_what_their_lines_cost(costs):
     assert '"metadata": {"localization": 7.0}' in json.dumps(annotated)
 
 
-def test_our_graph_gets_its_costs_again(costs):
+def test_annotation_reproduces_exported_graph_costs(costs):
     path = Path(np.array([NODES[0], NODES[2], NODES[3], NODES[1]]))
     ours = graph_to_geojson(build_recommended_routes(costs, {"around": path}).graph)
     for about in edges_in(annotate_graph(costs, ours)).values():
@@ -111,7 +111,7 @@ def test_our_graph_gets_its_costs_again(costs):
         assert {"length", "penalty", "integrated_u"} < {*about["metadata"]}
 
 
-def test_cheapest_route_avoids_degenerate_way(costs):
+def test_cheapest_route_avoids_degenerate_edge(costs):
     weights = np.zeros((4, 4))
     for about in edges_in(annotate_graph(costs, swagger_graph())).values():
         weights[about["startid"], about["endid"]] = about["metadata"]["localization"]
@@ -121,7 +121,7 @@ def test_cheapest_route_avoids_degenerate_way(costs):
 
 @pytest.mark.parametrize("make", [nav2_graph_of_tool, swagger_graph])
 @pytest.mark.parametrize("set_cost", [False, True])
-def test_annotated_graph_keeps_all_else(costs, make, set_cost):
+def test_annotated_graph_keeps_other_properties(costs, make, set_cost):
     graph = make()
     annotated = json.loads(json.dumps(annotate_graph(costs, graph, set_cost=set_cost)))
     assert graph == make()
@@ -191,7 +191,7 @@ def test_errors_list_at_most_ten_ids(costs):
         annotate_graph(costs, graph_of(*swagger_graph()["features"], *through))
 
 
-def test_edges_of_no_length_cannot_have_cost(costs):
+def test_set_cost_rejects_zero_length_edges(costs):
     graph = graph_of(*swagger_graph()["features"], node(30, NODES[0]), edge(31, 0, 30))
     assert edges_in(annotate_graph(costs, graph))[31]["metadata"]["localization"] == 0.0
     with pytest.raises(ConfigError, match="edge 31 without a length, and Nav2 rejects a cost of 0"):
@@ -244,7 +244,7 @@ def test_folder_has_graph_and_scorer(tmp_path, costs):
         nav2_graph(tmp_path / "out2", costs, tmp_path / "wall.geojson")
 
 
-def test_graph_lies_where_nav2_has_map(costs):
+def test_annotation_ignores_map_yaw(costs):
     """Nav2 ignores the yaw of a map."""
     grid = OccupancyGrid(costs.grid.cells, 1.0, (0.0, 0.0, 0.7))
     turned = Costmap.from_layers(grid, u=np.nan_to_num(costs.u), weight=4.0, robot=0.2)

@@ -38,7 +38,7 @@ def coarse(grid, whole) -> CovarianceField:
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("stride", [1, 2, 3])
-def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
+def test_skipped_lattice_points_have_selected_neighbour(seed, stride):
     grid = OccupancyGrid(random_rooms((61, 50), seed=seed), 0.1)
     needed = FieldConfig(stride=stride * 0.1).lattice_points(grid)
     chosen = select_every_second_point(needed)
@@ -49,7 +49,7 @@ def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
     assert chosen[::2, ::2].sum() == needed[::2, ::2].sum()
 
 
-def test_open_space_takes_a_quarter_of_the_points():
+def test_selection_keeps_quarter_of_open_space():
     assert select_every_second_point(np.ones((40, 60), bool)).sum() == 600
 
 
@@ -62,7 +62,7 @@ def test_lacking_points_are_read_bilinearly():
     np.testing.assert_allclose(read, plane, atol=1e-12)
 
 
-def test_points_near_a_cell_are_those_within_the_distance():
+def test_near_points_equal_points_within_distance():
     points = np.random.default_rng(5).random((30, 40)) < 0.7
     cells = np.array([[12.0, 30.0], [70.0, 100.0]])
     rows, cols = 3 * np.mgrid[:30, :40]
@@ -70,7 +70,8 @@ def test_points_near_a_cell_are_those_within_the_distance():
     np.testing.assert_array_equal(find_near_points(points, 3, cells, 14.0), points & (away <= 14.0))
 
 
-def test_a_coarse_field_has_the_values_of_its_points_and_reads_all_others(grid, whole, coarse):
+def test_coarse_field_interpolates_skipped_points(grid, whole, coarse):
+    """Evaluated points keep the values of the whole field."""
     points = select_every_second_point(whole.is_evaluated)
     np.testing.assert_array_equal(coarse.is_evaluated, points)
     np.testing.assert_array_equal(coarse.covariance[points], whole.covariance[points])
@@ -81,7 +82,7 @@ def test_a_coarse_field_has_the_values_of_its_points_and_reads_all_others(grid, 
     assert np.median(off) < 0.1
 
 
-def test_a_covariance_is_read_as_e_is_where_points_are_lacking(grid, coarse):
+def test_coarse_field_at_equals_e_map(grid, coarse):
     e_map = coarse.e_map()[:, :, 1]
     for row, col in np.argwhere(grid.free)[:: grid.free.sum() // 60]:
         x, y = grid.position(int(row), int(col))
@@ -89,11 +90,11 @@ def test_a_covariance_is_read_as_e_is_where_points_are_lacking(grid, coarse):
         assert e == pytest.approx(e_map[row, col], rel=1e-6)
 
 
-def test_a_whole_field_lacks_nothing(whole):
+def test_whole_field_has_no_interpolated_points(whole):
     assert not whole.is_interpolated.any()
 
 
-def test_the_saturated_share_counts_all_parts_of_a_map_alike(grid, whole, coarse):
+def test_saturated_share_ignores_point_density(grid, whole, coarse):
     points = coarse.is_evaluated.copy()
     points[:, : points.shape[1] // 3] |= whole.is_evaluated[:, : points.shape[1] // 3]
     finer = covariance_field(grid, CONFIG, points=points)
@@ -101,7 +102,8 @@ def test_the_saturated_share_counts_all_parts_of_a_map_alike(grid, whole, coarse
     assert finer.saturated_share == coarse.saturated_share
 
 
-def test_the_paths_lie_where_the_field_is_fine_and_are_the_whole_fields(grid, whole):
+def test_adaptive_plan_matches_whole_field_plan(grid, whole):
+    """The field has all points within 3 m of the path."""
     asked = []
 
     def field_of(points):
@@ -125,7 +127,8 @@ def test_the_paths_lie_where_the_field_is_fine_and_are_the_whole_fields(grid, wh
     assert path_metrics(costs, found.path).cost == pytest.approx(best, rel=0.01)
 
 
-def test_without_a_path_the_first_field_is_the_last(grid, whole):
+def test_adaptive_plan_stops_if_unreachable(grid, whole):
+    """Without a path, there is nothing to refine."""
     fields = []
 
     def field_of(points):
@@ -137,7 +140,8 @@ def test_without_a_path_the_first_field_is_the_last(grid, whole):
     assert field is fields[0]
 
 
-def test_what_is_cached_does_not_change_a_field_of_some_points(grid, whole, coarse, tmp_path):
+def test_cache_computes_only_missing_points(grid, whole, coarse, tmp_path):
+    """Cached values equal those of a fresh computation."""
     points, done = coarse.is_evaluated, []
 
     def count(now, total):
@@ -166,14 +170,14 @@ def test_cache_lists_finished_share_of_field(grid, whole, coarse, tmp_path):
     assert [each.finished_share for each in list_cache_entries(tmp_path)] == [1.0]
 
 
-def test_a_field_of_some_points_is_not_saved(coarse, tmp_path):
+def test_save_rejects_coarse_field(coarse, tmp_path):
     with pytest.raises(FieldError, match="some of its points only; compute all"):
         coarse.save(tmp_path / "part.npz")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("points", [np.ones((3, 3), bool), np.ones((30, 200)), [[True]]])
-def test_points_must_be_a_mask_of_the_lattice(grid, points):
+def test_covariance_field_rejects_malformed_points_mask(grid, points):
     with pytest.raises(ConfigError, match="points must be an array of bool of the lattice's shape"):
         covariance_field(grid, CONFIG, points=points)
 
@@ -186,9 +190,8 @@ def test_points_must_be_a_mask_of_the_lattice(grid, points):
         (("--stride", 0.2), True),
     ],
 )
-def test_plan_computes_what_lies_near_its_paths_unless_a_spacing_is_given(
-    run, grid, tmp_path, monkeypatch, options, is_whole
-):
+def test_plan_stride_computes_whole_field(run, grid, tmp_path, monkeypatch, options, is_whole):
+    """Without a stride, `plan` computes only the points near its paths."""
     save_map(grid, tmp_path / "map.yaml")
     heading = ",0" if "--planner" in options else ""
     ends = "--start", f"2,3{heading}", "--goal", f"38,3{heading}"

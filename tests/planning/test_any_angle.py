@@ -52,7 +52,7 @@ def test_segment_costs_are_exact(seed):
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
 @pytest.mark.parametrize("seed", range(4))
-def test_segments_are_blocked_where_they_meet_a_blocked_cell(seed, corner_cutting):
+def test_segment_costs_infinity_across_blocked_cells(seed, corner_cutting):
     rng = np.random.default_rng(seed)
     density = random_density((15, 15), seed, blocked=0.1)
     half = make_bordered_half_density(density, 1)
@@ -72,7 +72,7 @@ def test_segments_are_blocked_where_they_meet_a_blocked_cell(seed, corner_cuttin
 
 
 @pytest.mark.parametrize("beside", [1, 2])
-def test_a_line_along_a_blocked_cells_edge_touches_it(beside):
+def test_segment_touches_blocked_cell_along_edge(beside):
     density = np.ones((4, 6))
     density[beside, 3] = np.inf
     half = make_bordered_half_density(density, 1)
@@ -83,7 +83,7 @@ def test_a_line_along_a_blocked_cells_edge_touches_it(beside):
 
 
 @pytest.mark.parametrize("lookahead", [2, 5])
-def test_shortcuts_equal_the_plain_dynamic_programming(lookahead):
+def test_shortcuts_equal_plain_dynamic_programming(lookahead):
     rng = np.random.default_rng(1)
     density = rng.uniform(1, 5, (20, 20))
     positions = np.cumsum(rng.uniform(-0.5, 1.5, (15, 2)), axis=0) + 2
@@ -102,7 +102,7 @@ def test_shortcuts_equal_the_plain_dynamic_programming(lookahead):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_32_moves_equal_the_plain_search(seed):
+def test_32_move_search_equals_plain_search(seed):
     density = random_density((12, 14), seed, blocked=0.15, greatest=4.0)
     density[0, 0] = density[-1, -1] = 1.0
     columns = 14 + 6
@@ -122,7 +122,7 @@ def test_32_moves_equal_the_plain_search(seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_shifting_equals_the_plain_loops(seed):
+def test_shifting_equals_plain_loops(seed):
     rng = np.random.default_rng(seed)
     density = rng.uniform(1, 9, (20, 40))
     positions = np.column_stack([rng.uniform(8, 12, 9), np.linspace(2.2, 37.7, 9)])
@@ -132,7 +132,7 @@ def test_shifting_equals_the_plain_loops(seed):
     np.testing.assert_allclose(shifted - 1, oracles.search.shift(density, positions, 0.7, 6))
 
 
-def test_shifting_never_costs_more_and_finds_the_valley():
+def test_shifting_moves_path_into_valley():
     rows, _ = np.mgrid[:21, :40]
     density = 1.0 + np.abs(rows - 10)
     half = make_bordered_half_density(density, 1)
@@ -149,7 +149,8 @@ def test_shifting_never_costs_more_and_finds_the_valley():
 
 @pytest.mark.parametrize("accuracy", ["normal", "high"])
 @pytest.mark.parametrize("seed", range(8))
-def test_paths_cost_no_more_than_on_the_grid_and_cross_nothing(seed, accuracy):
+def test_any_angle_costs_at_most_grid(seed, accuracy):
+    """Paths also cross no blocked cell."""
     density = smooth_density((90, 110), seed)
     costs = costmap_from_density(density)
     ends = (0.7, 1.2), (108.6, 88.9)
@@ -163,7 +164,7 @@ def test_paths_cost_no_more_than_on_the_grid_and_cross_nothing(seed, accuracy):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_cut_corners_cross_nothing_either(seed):
+def test_cut_corners_avoid_blocked_cells(seed):
     density = random_density((40, 50), seed, blocked=0.3)
     costs = costmap_from_density(density)
     ends = (0.5, 0.5), (49.5, 39.5)
@@ -176,7 +177,7 @@ def test_cut_corners_cross_nothing_either(seed):
         assert not crossed_blocked_cells(density, result.path)
 
 
-def test_without_obstacles_the_path_is_the_straight_line():
+def test_path_is_straight_without_obstacles():
     grid = OccupancyGrid(np.full((260, 640), FREE), 0.05, (3.0, -2.0, 0.4))
     costs = Costmap.blank(grid, robot=0.0)
     start, goal = grid.position(3, 5), grid.position(251, 630)
@@ -184,7 +185,7 @@ def test_without_obstacles_the_path_is_the_straight_line():
     assert result.metrics.length == pytest.approx(math.dist(start, goal), rel=1e-6)
 
 
-def test_around_a_corner_it_is_as_short_as_can_be():
+def test_path_around_corner_is_nearly_shortest():
     lines = ["." * 30] * 10 + ["." * 15 + "#" * 15] * 10
     costs = Costmap.blank(ascii_map(*lines), robot=0.0)
     start, goal = (14.5, 0.5), (29.5, 10.5)
@@ -194,7 +195,8 @@ def test_around_a_corner_it_is_as_short_as_can_be():
     assert result.metrics.cost == path_metrics(costs, result.path).cost
 
 
-def test_costs_too_far_apart_for_buckets_are_no_obstacle():
+def test_any_angle_plans_at_extreme_contrast():
+    """The costs differ too much for the buckets of the search."""
     density = np.ones((20, 30))
     density[5:15, 10:20] = 1e8
     for accuracy in ("normal", "high"):
@@ -208,7 +210,8 @@ def test_costs_too_far_apart_for_buckets_are_no_obstacle():
         assert result.metrics.cost < 40
 
 
-def test_unreachable_goals_and_unknown_accuracies_are_told():
+def test_any_angle_rejects_unknown_accuracy():
+    """An unreachable goal is a status, not an error."""
     costs = costmap_from_density(np.array([[1.0, np.inf, 1.0]]))
     for accuracy in ("normal", "high"):
         options = {"planner": "any-angle", "accuracy": accuracy}
@@ -217,7 +220,7 @@ def test_unreachable_goals_and_unknown_accuracies_are_told():
         plan(costs, (0.5, 0.5), (0.6, 0.5), planner="any-angle", accuracy="perfect")
 
 
-def test_start_and_goal_may_be_one():
+def test_any_angle_solves_start_at_goal():
     costs = costmap_from_density(np.ones((3, 3)))
     result = plan(costs, (1.2, 1.2), (1.2, 1.2), planner="any-angle")
     assert result.metrics.length == 0.0
@@ -226,7 +229,8 @@ def test_start_and_goal_may_be_one():
 
 
 @pytest.mark.parametrize("accuracy", ["normal", "high"])
-def test_small_turned_maps_with_thin_walls_are_no_exception(accuracy):
+def test_any_angle_supports_turned_maps(accuracy):
+    """With thin walls, paths still cost at most as much as on the grid."""
     for seed in range(60):
         rng = np.random.default_rng(seed)
         density = random_density((12, 15), seed, blocked=0.25, greatest=3.0)
@@ -246,7 +250,7 @@ def test_small_turned_maps_with_thin_walls_are_no_exception(accuracy):
             assert result.metrics.cost <= on_grid.metrics.cost
 
 
-def test_where_straight_lines_cost_more_the_path_before_them_is_kept(monkeypatch):
+def test_costly_straightening_keeps_grid_path(monkeypatch):
     costs = costmap_from_density(np.ones((20, 20)))
     ends = (0.5, 0.5), (19.5, 9.5)
     on_grid = plan(costs, *ends, planner="grid").path

@@ -33,7 +33,7 @@ def random_lines(count: int, size: int):
     return ends
 
 
-def test_cells_along_equal_the_plain_loops():
+def test_crossed_cells_equal_plain_loops():
     for line in random_lines(300, 20):
         rows, cols, lengths = rays.find_crossed_cells(line.reshape(2, 2))
         expected = [
@@ -44,7 +44,7 @@ def test_cells_along_equal_the_plain_loops():
         np.testing.assert_allclose(lengths[keep], [cell[2] for cell in expected], atol=1e-9)
 
 
-def test_the_integral_does_not_depend_on_the_direction():
+def test_line_integral_ignores_direction():
     density = np.random.default_rng(5).uniform(1, 9, (20, 20))
     for line in random_lines(100, 19.9):
         ends = line.reshape(2, 2)
@@ -56,7 +56,7 @@ def test_the_integral_does_not_depend_on_the_direction():
             assert totals[0] == pytest.approx(expected, rel=1e-6)
 
 
-def test_corners_that_are_only_touched_do_not_count():
+def test_path_cost_ignores_touched_corners():
     density = np.ones((3, 3))
     density[0, 1] = density[1, 0] = np.inf
     for far in (0.0, 4.5e6):  # also where the world's coordinates are rounded
@@ -67,7 +67,7 @@ def test_corners_that_are_only_touched_do_not_count():
         assert metrics.cost == pytest.approx(0.1 * math.sqrt(2), rel=1e-4)
 
 
-def test_u_is_clipped_between_the_absolute_anchors(field):
+def test_u_is_clipped_at_absolute_anchors(field):
     costs = Costmap.from_field(field, weight=4.0, robot=0.0)
     low, high = field.anchors()
     expected = np.clip(np.log(costs.e / low) / np.log(high / low), 0, 1)
@@ -77,7 +77,7 @@ def test_u_is_clipped_between_the_absolute_anchors(field):
     assert np.isinf(costs.density[~free]).all()
 
 
-def test_the_papers_preset_is_costed_with_q_all_the_same():
+def test_paper_preset_anchors_include_quantisation():
     grid = corridor(12.0, 2.0)
     field = covariance_field(grid, dataclasses.replace(FieldConfig(Sad.paper()), stride=0.4))
     u = Costmap.from_field(field, robot=0.0).u[grid.free]
@@ -89,13 +89,13 @@ def test_the_papers_preset_is_costed_with_q_all_the_same():
 
 
 @pytest.mark.parametrize(("law", "power"), [("linear", 1.0), ("cube-root", 1 / 3)])
-def test_other_laws_are_powers_of_the_share_of_the_greatest_e(field, law, power):
+def test_law_is_power_of_relative_e(field, law, power):
     costs = Costmap.from_field(field, law=law, robot=0.0)
     expected = (costs.e / field.anchors()[1]) ** power
     np.testing.assert_allclose(costs.u, np.clip(expected, 0, 1))
 
 
-def test_heading_says_nothing_in_a_field_without_rotation():
+def test_costmap_rejects_heading_std_without_rotation():
     grid = corridor(4.0, 2.0)
     field = covariance_field(
         grid, FieldConfig(Sad(range=1.0, window=SearchWindow(half_rotation_deg=0)))
@@ -105,7 +105,7 @@ def test_heading_says_nothing_in_a_field_without_rotation():
 
 
 @pytest.mark.parametrize(("radius", "resolution"), [(0.15, 0.02), (0.1, 0.04), (0.25, 0.05)])
-def test_a_robot_fits_where_the_clearance_is_just_its_radius(radius, resolution):
+def test_robot_fits_at_clearance_of_radius(radius, resolution):
     cells = np.full((1, 40), FREE, np.uint8)
     cells[0, 0] = 0
     grid = OccupancyGrid(cells, resolution)
@@ -115,7 +115,7 @@ def test_a_robot_fits_where_the_clearance_is_just_its_radius(radius, resolution)
     assert (first - 1.5) * resolution < radius - 1e-9
 
 
-def test_the_profile_covers_the_whole_path():
+def test_profile_covers_whole_path():
     grid = OccupancyGrid(np.full((1, 4), FREE), 1.0)
     costs = Costmap.blank(grid, robot=0.0)
     layer = np.array([[1.0, 2.0, 3.0, 4.0]])
@@ -125,12 +125,12 @@ def test_the_profile_covers_the_whole_path():
 
 
 @pytest.mark.parametrize("criterion", ["position_std", "position_rms", "heading_std"])
-def test_u_can_be_made_of_another_scalar(field, criterion):
+def test_costmap_accepts_other_criteria(field, criterion):
     u = Costmap.from_field(field, criterion=criterion, robot=0.0).u[field.grid.free]
     assert 0 <= u.min() <= u.max() <= 1
 
 
-def test_the_robots_radius_blocks_cells_near_walls(field):
+def test_robot_radius_blocks_cells_near_walls(field):
     costs = Costmap.from_field(field, robot=0.4)
     free = field.grid.free
     np.testing.assert_array_equal(np.isfinite(costs.density), free & (field.grid.clearance >= 0.4))
@@ -159,7 +159,7 @@ def test_bad_densities_are_refused(density):
         Costmap.from_density(ascii_map("..", ".."), density)
 
 
-def test_layers_of_ones_own_count_in_free_cells_alone():
+def test_from_layers_ignores_occupied_cells():
     grid = ascii_map("..#", "...")
     u = np.array([[0.0, 1.0, 0.5], [0.25, 0.0, np.nan]])  # the row at the lowest y first
     costs = Costmap.from_layers(grid, u=u, weight=2.0, robot=0.0)
@@ -202,19 +202,20 @@ def test_bad_layers_are_refused(layers, message):
         ((1.0,), "two numbers"),
     ],
 )
-def test_impossible_positions_are_refused_with_the_nearest_possible(xy, message):
+def test_find_cell_rejects_impossible_positions(xy, message):
+    """The error for a blocked position names the nearest free one."""
     costs = Costmap.from_density(ascii_map("# ..", "...."), np.ones((2, 4)))
     with pytest.raises(PoseError, match=message):
         costs.find_cell(xy, "start")
 
 
-def test_a_position_within_the_robots_radius_of_a_wall_is_refused():
+def test_find_cell_rejects_position_near_wall():
     costs = Costmap.from_density(ascii_map("#....", "....."), np.ones((2, 5)), robot=1.2)
     with pytest.raises(PoseError, match=r"0\.50 m from a wall, closer than the robot's radius"):
         costs.find_cell((1.5, 1.5), "goal")
 
 
-def test_a_map_without_room_says_so():
+def test_find_cell_rejects_full_map():
     costs = Costmap.from_density(ascii_map("##", "##"), np.ones((2, 2)))
     with pytest.raises(PoseError, match="no cell of the map is free"):
         costs.find_cell((0.5, 0.5))
@@ -242,7 +243,7 @@ def test_density_rises_outside_preferred_zones(field):
     assert path_metrics(costs, path).cost == path_cost(costs, path)
 
 
-def test_density_is_infinite_in_no_go_zones(field):
+def test_no_go_zones_have_infinite_density(field):
     grid, zones = field.grid, Zones([Zone("no-go", box(1, -1, 2, 0))])
     u = np.full(grid.shape, 0.5)
     for costs in (
@@ -327,7 +328,7 @@ def test_costmap_at_takes_nearest_heading():
     np.testing.assert_array_equal(costs.at(xy, "density"), costs.density[cells])
 
 
-def test_path_cost_of_several_paths_is_cost_of_each():
+def test_path_cost_accepts_several_paths():
     costs = Costmap.from_layers(
         ascii_map("#..", "..."), u=[[0.1, 0.2, 0.3], [1, 0.5, 0]], robot=0.0
     )
@@ -342,7 +343,7 @@ def test_path_cost_of_several_paths_is_cost_of_each():
     assert path_cost(costs, np.empty((0, 2, 2))).shape == (0,)
 
 
-def test_path_cost_of_several_paths_takes_each_heading():
+def test_path_cost_of_poses_uses_headings():
     grid = corridor(6.0, 2.0)
     ahead = FieldConfig(Fisher(Lidar(range=3.0, field_of_view_deg=90.0, beams=20)), stride=0.4)
     costs = Costmap.from_field(covariance_field(grid, ahead), robot=0.0)
@@ -358,7 +359,7 @@ def test_path_cost_of_several_paths_takes_each_heading():
     assert path_cost(costs, poses)[0] != alone[0]
 
 
-def test_metrics_are_the_integrals_of_the_layers():
+def test_path_metrics_integrate_layers():
     grid = OccupancyGrid(np.full((1, 4), FREE), 0.5)
     costs = Costmap.from_layers(
         grid, u=[[0.0, 0.6, 0.7, 0.1]], e=[[0.1, 0.2, 0.3, 0.4]], weight=5.0, robot=0.0
@@ -375,21 +376,21 @@ def test_metrics_are_the_integrals_of_the_layers():
     assert metrics.clearance == np.inf
 
 
-def test_a_path_of_one_position_costs_nothing(field):
+def test_path_without_length_costs_nothing(field):
     costs = Costmap.from_field(field, robot=0.0)
     metrics = path_metrics(costs, Path(np.array([[0.0, 0.0], [0.0, 0.0]])))
     assert metrics.length == metrics.cost == metrics.integrated_e == 0.0
     assert metrics.mean_e == metrics.max_e > 0
 
 
-def test_a_path_outside_costs_infinitely_much():
+def test_path_outside_map_costs_infinity():
     costs = Costmap.from_density(ascii_map("..", ".."), np.ones((2, 2)))
     metrics = path_metrics(costs, Path(np.array([[0.5, 0.5], [5.0, 0.5]])))
     assert metrics.cost == np.inf
     assert metrics.clearance == 0.0
 
 
-def test_another_weight_keeps_what_is_blocked(field):
+def test_with_weight_keeps_blocked_cells(field):
     costs = Costmap.from_field(field, weight=4.0, robot=0.3)
     shortest = costs.with_weight(0.0)
     np.testing.assert_array_equal(np.isinf(shortest.density), np.isinf(costs.density))
@@ -408,7 +409,7 @@ def two_headings(weight: float) -> Costmap:
 
 
 @pytest.mark.parametrize("weight", [0.0, 1.5, 7.0])
-def test_the_weight_counts_in_each_heading(weight):
+def test_weight_scales_u_of_every_heading(weight):
     costs = two_headings(weight)
     density = costs.density_of_heading
     free = np.isfinite(costs.density)
@@ -417,7 +418,8 @@ def test_the_weight_counts_in_each_heading(weight):
     assert not free.all()
 
 
-def test_a_larger_radius_blocks_more_and_is_remembered():
+def test_with_robot_widens_blocked_cells():
+    """The costmap of a wide robot cannot serve a narrow one."""
     grid = ascii_map("#......", ".......", ".......")
     narrow, wide = (Costmap.blank(grid, robot=radius) for radius in (0.5, 2.2))
     widened = narrow.with_robot(2.2)
@@ -430,7 +432,7 @@ def test_a_larger_radius_blocks_more_and_is_remembered():
 
 
 @pytest.mark.parametrize(("u", "share"), [(0.45, 0.0), (0.5, 0.0), (0.55, 0.5)])
-def test_a_place_is_degenerate_above_a_half(u, share):
+def test_degenerate_share_counts_u_above_half(u, share):
     costs = Costmap.blank(OccupancyGrid(np.full((1, 4), FREE), 1.0))
     costs = dataclasses.replace(costs, u=np.array([[0.0, u, u, 0.0]]))
     metrics = path_metrics(costs, Path(np.array([[0.0, 0.5], [4.0, 0.5]])))
@@ -442,7 +444,7 @@ def layers(costs: Costmap) -> list[np.ndarray]:
     return [costs.density, costs.u, costs.e, costs.u_of_heading, costs.e_of_heading]
 
 
-def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
+def test_costmap_arrays_are_read_only(tmp_path):
     costs = two_headings(3.0)
     orders.write_costmap(costs, tmp_path / "shared")
     for each in (
@@ -464,7 +466,7 @@ def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
         assert not np.shares_memory(theirs, own)
 
 
-def test_processes_share_the_layers_of_headings_and_no_field(tmp_path):
+def test_shared_costmap_has_layers_without_field(tmp_path):
     grid = OccupancyGrid(random_rooms((40, 50), seed=2), 0.2)
     lidar = Lidar(range=1.5, beams=40, field_of_view_deg=180.0)
     field = covariance_field(grid, FieldConfig(Fisher(lidar), headings=4))
@@ -478,7 +480,7 @@ def test_processes_share_the_layers_of_headings_and_no_field(tmp_path):
     assert field.covariance.nbytes not in sizes
 
 
-def test_an_array_that_was_given_is_neither_locked_nor_followed():
+def test_costmap_copies_arrays_of_caller():
     given = np.ones((2, 3))
     for view in (given, given[:, ::-1]):
         costs = dataclasses.replace(two_headings(1.0), u=view)
@@ -503,7 +505,7 @@ def edited(request) -> tuple[CovarianceField, list[CovarianceField]]:
 
 @pytest.mark.parametrize("robot_radius", [0.0, 0.45])
 @pytest.mark.parametrize("law", ["logarithmic", "cube-root"])
-def test_an_updated_costmap_equals_a_new_one(edited, robot_radius, law):
+def test_updated_costmap_equals_new_costmap(edited, robot_radius, law):
     field, after = edited
     zones = Zones([Zone("no-go", box(5, 5, 7, 8)), Zone("prefer", box(2, 2, 20, 6.5))])
     settings = {"weight": 3.0, "robot": robot_radius, "law": law, "zones": zones}
@@ -517,7 +519,8 @@ def test_an_updated_costmap_equals_a_new_one(edited, robot_radius, law):
         assert (updated.settings, updated.weight) == (new.settings, 3.0)
 
 
-def test_an_update_by_a_field_of_other_points_reads_all_anew(edited):
+def test_update_accepts_field_of_other_points(edited):
+    """The result equals a new costmap."""
     field, (inside, *_) = edited
     some = np.indices(field.is_evaluated.shape).sum(axis=0) % 2 == 0
     coarse = covariance_field(field.grid, field.config, points=some)
@@ -530,7 +533,7 @@ def test_an_update_by_a_field_of_other_points_reads_all_anew(edited):
         assert updated.settings == new.settings
 
 
-def test_an_update_reads_a_window_only(edited, monkeypatch):
+def test_update_reads_only_changed_window(edited, monkeypatch):
     field, (inside, _, same) = edited
     costs, sizes = Costmap.from_field(field), []
     from_field = Costmap.from_field
@@ -546,7 +549,7 @@ def test_an_update_reads_a_window_only(edited, monkeypatch):
     assert sizes[0] < 0.5 * field.grid.cells.size
 
 
-def test_a_costmap_is_updated_by_a_field_of_its_own_kind(edited):
+def test_update_rejects_incompatible_fields(edited):
     field, _ = edited
     costs = Costmap.from_field(field)
     with pytest.raises(ConfigError, match="another config than the costmap"):

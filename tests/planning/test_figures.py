@@ -22,7 +22,7 @@ def field():
     return covariance_field(grid, FieldConfig(Sad(range=1.0)))
 
 
-def test_field_figure_names_map_scalar_and_unit(field):
+def test_field_figure_names_map_and_unit(field):
     figure = field_figure(field, "position_std")
     axes, bar = figure.axes
     first, second = axes.get_title().split("\n")
@@ -32,13 +32,13 @@ def test_field_figure_names_map_scalar_and_unit(field):
     assert bar.get_ylabel() == "largest position std. deviation [cm]"
 
 
-def test_a_field_of_equal_values_can_be_drawn(tmp_path):
+def test_field_figure_draws_empty_field(tmp_path):
     field = covariance_field(ascii_map("##", "  ", resolution=0.1), FieldConfig())
     save_figure(field_figure(field), tmp_path / "empty.png")
     assert (tmp_path / "empty.png").stat().st_size > 0
 
 
-def test_the_map_lies_where_the_world_has_it(field):
+def test_field_figure_draws_world_coordinates(field):
     axes = field_figure(field).axes[0]
     for image in axes.images:
         assert image.origin == "lower"
@@ -50,7 +50,7 @@ def test_the_map_lies_where_the_world_has_it(field):
             np.testing.assert_allclose(to_world.transform(corner), expected, atol=1e-9)
 
 
-def test_plan_figure_has_u_along_each_path_in_metres(field, tmp_path):
+def test_plan_figure_shows_u_along_paths(field, tmp_path):
     costs = Costmap.from_field(field, weight=3.0, robot=0.0)
     free = np.argwhere(np.isfinite(costs.density))
     ends = [field.grid.position(*map(int, free[n])) for n in (0, -1)]
@@ -77,7 +77,7 @@ def test_unknown_picture_formats_are_refused(field, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_front_figure_shows_paths_the_front_and_its_knee():
+def test_front_figure_shows_paths_and_knee():
     grid = OccupancyGrid(np.full((40, 60), FREE), 0.1, name="room")
     u = np.tile(np.linspace(1, 0, 40)[:, None], (1, 60))
     costs = dataclasses.replace(Costmap.blank(grid, robot=0.0), u=u, e=u + 0.1, weight=1.0)
@@ -105,7 +105,7 @@ def test_plan_figure_title_has_gain(field):
     assert ": 'aware' avoids 3.0 degenerate metres and is 2.0 m longer\n" in title
 
 
-def test_plan_figure_says_what_was_asked(field):
+def test_plan_figure_title_names_settings(field):
     costs = Costmap.from_field(field, robot=0.0)
     free = np.argwhere(np.isfinite(costs.density))
     xy = field.grid.position(*map(int, free[0]))
@@ -119,7 +119,7 @@ def test_plan_figure_says_what_was_asked(field):
     assert "budget 2.5 m" in title
 
 
-def test_fields_of_several_estimators_are_drawn_on_one_scale():
+def test_fields_figure_shares_colour_scale():
     grid = ascii_map("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
     estimators = Sad(range=2.0), Scan(Lidar(range=2.0))
     fields = {each.name: covariance_field(grid, each) for each in estimators}

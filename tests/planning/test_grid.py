@@ -55,7 +55,7 @@ def costs_from_corner(costs: Costmap, cutting: bool) -> np.ndarray:
 
 @pytest.mark.parametrize("cutting", [False, True])
 @pytest.mark.parametrize("greatest", [1.0, 1.5, 9.0, 1e6])
-def test_all_searches_find_the_same_cheapest_path(greatest, cutting):
+def test_searches_find_same_cheapest_path(greatest, cutting):
     reached = 0
     for seed in range(6):
         costs = noisy((31, 44), seed, greatest=greatest)
@@ -75,7 +75,7 @@ def test_all_searches_find_the_same_cheapest_path(greatest, cutting):
     assert reached >= 9
 
 
-def test_of_equal_paths_all_searches_take_the_same():
+def test_searches_break_ties_equally():
     rng = np.random.default_rng(8)
     solved = 0
     for _ in range(1500):
@@ -138,7 +138,8 @@ def test_scenarios_have_their_optimal_lengths(guided):
             assert abs(found.cost[target]) == pytest.approx(optimal, abs=0.005), path.name
 
 
-def test_dijkstra_expands_each_cell_once_and_astar_few():
+def test_astar_expands_fewer_cells_than_dijkstra():
+    """Without a goal, Dijkstra's algorithm expands each cell once."""
     costs = costs_of(np.ones((101, 101)))
     ends = (50.5, 50.5), (90.5, 50.5)
     around = plan(costs, *ends, planner="dijkstra").expanded
@@ -149,7 +150,8 @@ def test_dijkstra_expands_each_cell_once_and_astar_few():
     assert everywhere.expanded == 3600
 
 
-def test_the_grid_planner_takes_astar_at_low_contrast():
+def test_grid_planner_chooses_search_by_contrast():
+    """At low contrast it runs A*, otherwise Dijkstra's algorithm."""
     for greatest, name in ((6.0, "astar"), (36.0, "dijkstra")):
         density = np.full((60, 60), greatest)
         density[:, 0] = 1.0  # A* believes that a path could be all of such cells
@@ -168,7 +170,7 @@ def test_the_grid_planner_takes_astar_at_low_contrast():
     "change",
     [{"MAX_BUCKETS": 4}, {"ROOM": 16, "WIDTH_TO_MEAN": 50.0}, {"STRETCH": 1}],
 )
-def test_costs_do_not_depend_on_the_queue(change, guided, monkeypatch):
+def test_search_costs_ignore_queue_settings(change, guided, monkeypatch):
     costs = noisy((30, 37), 4, blocked=0.1, greatest=1e3)
     expected = oracles.search.shortest_costs(costs.density, (0, 0), False)
     plain = searched(costs, False, guided=guided)
@@ -183,14 +185,14 @@ def test_costs_do_not_depend_on_the_queue(change, guided, monkeypatch):
 
 
 @pytest.mark.parametrize("costly", [1e5, 1e9])
-def test_a_wall_that_costs_much_is_crossed(costly):
+def test_search_crosses_costly_wall(costly):
     density = np.random.default_rng(3).uniform(1, 9, (24, 20))
     density[12] = costly
     expected = oracles.search.shortest_costs(density, (0, 0), False)
     np.testing.assert_allclose(costs_from_corner(costs_of(density), False), expected, rtol=1e-12)
 
 
-def test_a_search_without_time_is_unfinished(monkeypatch):
+def test_search_without_time_is_unfinished(monkeypatch):
     monkeypatch.setattr(search, "STRETCH", 10)
     half = search.make_bordered_half_density(np.ones((30, 30)), 1)
     arguments = half, 32, 33, -1, False, search.measure_cost_scale(half)
@@ -218,7 +220,7 @@ def test_expansions_are_summed_over_waypoints():
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_expansions_stand_in_the_runs_of_a_comparison(tmp_path):
+def test_journal_keeps_expanded_cells_of_runs(tmp_path):
     costs = costs_of(np.ones((12, 12)))
     execution = Execution(workers=1, journal=tmp_path / "runs.jsonl")
     planners = ["astar", "dijkstra", "any-angle"]
@@ -230,7 +232,7 @@ def test_expansions_stand_in_the_runs_of_a_comparison(tmp_path):
         assert (run.expanded is None) == (run.task.planner == "any-angle")
 
 
-def test_a_number_of_expansions_is_whole():
+def test_plan_rejects_non_integer_expansions():
     costs = costs_of(np.ones((3, 3)))
     with pytest.raises(LocplanError, match="expanded cells must be whole, not 'many'"):
         plan(costs, *corners(costs), planner=lambda *query: PlannerResult(expanded="many"))
@@ -241,7 +243,8 @@ def limited(costs: Costmap) -> Costmap:
     return dataclasses.replace(costs, u=u, e=u + 0.1, weight=8.0)
 
 
-def test_a_front_without_time_for_its_ends_says_so(monkeypatch):
+def test_front_reports_timeout(monkeypatch):
+    """The time does not suffice even for the ends of the front."""
     costs = limited(noisy((30, 30), 1, blocked=0.1))
     monkeypatch.setattr(search, "STRETCH", 10)
     front = pareto_front(costs, *corners(costs), time_limit=1e-9)
@@ -279,7 +282,7 @@ def test_lengths_are_optimal():
     assert files
 
 
-def test_plans_have_the_optimal_length():
+def test_grid_plans_have_optimal_length():
     path = find_scenario_files()[0]
     density = read_map(find_map_file(path))
     cells = np.where(np.isfinite(density), FREE, OCCUPIED)

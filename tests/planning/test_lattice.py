@@ -99,7 +99,7 @@ def states_and_edges(costs: Costmap, planner: Lattice) -> dict:
 
 @pytest.mark.parametrize("kinematics", sample_cases(DRIVES), ids=NAMES)
 @pytest.mark.parametrize("seed", sample_cases([1, 0]))
-def test_no_motions_of_the_lattice_lead_to_the_goal_at_less_cost(kinematics, seed):
+def test_lattice_path_cost_equals_brute_force(kinematics, seed):
     costs = cluttered(seed, kinematics)
     planner = Lattice(
         headings=8 if seed else 16, reverse=1.7, gear_change=0.2, turn_cost=0.15, smooth=False
@@ -147,7 +147,7 @@ def cost_of(costs: Costmap, path: Path, planner: Lattice) -> float:
 
 
 @pytest.mark.parametrize("kinematics", sample_cases(DRIVES, 2), ids=NAMES)
-def test_the_bound_is_below_the_cost_everywhere(kinematics):
+def test_lattice_bound_never_exceeds_cost(kinematics):
     costs = cluttered(3, kinematics)
     planner = Lattice(turn_cost=0.2, gear_change=0.1, reverse=1.3)
     backward = defaultdict(list)
@@ -169,7 +169,7 @@ def test_the_bound_is_below_the_cost_everywhere(kinematics):
     assert (bound[np.isfinite(of_cell)] > 0.5 * of_cell[np.isfinite(of_cell)]).mean() > 0.5
 
 
-def test_swept_cells_are_those_of_plain_loops():
+def test_swept_cells_equal_plain_loops():
     rng = np.random.default_rng(4)
     for _ in range(3):
         outline = Footprint(rng.normal(size=(3, 2)) / 2 + np.array([(3, 0), (-2, 2), (-2, -2)]))
@@ -183,7 +183,7 @@ def test_swept_cells_are_those_of_plain_loops():
         assert hit == oracles.outlines.find_first_hit(occupied, outline.vertices, poses)
 
 
-def test_a_collision_does_not_depend_on_how_dense_the_poses_are():
+def test_collision_is_independent_of_pose_density():
     rng = np.random.default_rng(5)
     grid = OccupancyGrid(np.where(rng.random((60, 60)) < 0.01, OCCUPIED, FREE).astype("u1"), 0.1)
     outcomes = []
@@ -201,7 +201,8 @@ def test_a_collision_does_not_depend_on_how_dense_the_poses_are():
 
 @pytest.mark.parametrize(("headings", "span"), [(8, 1), (16, 1), (16, 2), (32, 3)])
 @pytest.mark.parametrize("radius", [0.0, 3.3, 8.0])
-def test_turns_keep_the_radius_and_end_on_centres_in_their_heading(headings, span, radius):
+def test_primitives_keep_radius_between_cell_centres(headings, span, radius):
+    """They end in a heading of the lattice."""
     angles, counts = compute_heading_angles(headings), defaultdict(int)
     for each in make_primitives(headings, radius, False, span):
         poses = np.array(each.poses)
@@ -218,7 +219,8 @@ def test_turns_keep_the_radius_and_end_on_centres_in_their_heading(headings, spa
         assert len(counts) == 3 * headings
 
 
-def test_a_long_robot_passes_where_only_its_length_fits():
+def test_lattice_drives_long_robot_through_gap():
+    """The gap is narrower than the circle around the outline."""
     wall, gap, room = "#" * 20, "#" * 8 + "...." + "#" * 8, "#" + "." * 18 + "#"
     grid = ascii_map(wall, *[room] * 13, *[gap] * 4, *[room] * 13, wall, resolution=0.1)
     outline = Footprint([(0.5, 0.12), (0.5, -0.12), (-0.5, -0.12), (-0.5, 0.12)])
@@ -230,7 +232,8 @@ def test_a_long_robot_passes_where_only_its_length_fits():
     assert np.isinf(Costmap.blank(grid, robot=outline.circumscribed_radius).density[14:18]).all()
 
 
-def test_a_gap_that_no_heading_passes_makes_it_infeasible_not_unreachable():
+def test_narrow_gap_is_infeasible_for_lattice():
+    """Without a gap, the goal is unreachable instead."""
     wall, rooms = "########", "#..##..#"
     grid = ascii_map(wall, *[rooms, "#......#", rooms], wall, resolution=0.2)
     outline = Footprint([(0.2, 0.12), (0.2, -0.12), (-0.2, -0.12), (-0.2, 0.12)])
@@ -245,7 +248,7 @@ def test_a_gap_that_no_heading_passes_makes_it_infeasible_not_unreachable():
     assert plan(blank, *ends, planner="lattice").status == "unreachable"
 
 
-def test_legs_over_waypoints_go_on_in_the_heading_in_which_they_come():
+def test_lattice_legs_keep_heading_at_waypoints():
     costs = Costmap.blank(OccupancyGrid(np.full((60, 60), FREE), 0.1), robot=Robot(kinematics=CAR))
     via = [(3.0, 1.0), (3.0, 3.0)]
     made = plan(costs, (1.0, 1.0), (1.0, 3.0), planner="lattice", via=via)
@@ -254,7 +257,7 @@ def test_legs_over_waypoints_go_on_in_the_heading_in_which_they_come():
     assert all(np.hypot(*(made.path.xy - xy).T).min() < 0.1 for xy in via)
 
 
-def test_a_footprint_of_the_query_counts_for_the_lattice():
+def test_lattice_plan_uses_footprint_argument():
     grid, ends = ascii_map(*["." * 30] * 7, resolution=0.1), [(0.75, 0.35), (2.25, 0.35)]
     cells = grid.cells.copy()
     cells[0, 15] = cells[6, 15] = OCCUPIED
@@ -271,7 +274,8 @@ def corridor_with_a_dead_end(tolerance: float) -> Costmap:
     return Costmap.blank(grid, robot=Robot(footprint=outline, goal_tolerance=tolerance))
 
 
-def test_where_the_goal_cannot_be_reached_the_path_ends_within_the_goal_tolerance():
+def test_lattice_stops_within_goal_tolerance():
+    """The robot is too long to stand at the goal."""
     start, goal = (0.95, 0.35), (3.62, 0.35)
     made = plan(corridor_with_a_dead_end(0.25), start, goal, planner="lattice")
     assert made.status == "solved"
@@ -292,7 +296,8 @@ def test_where_the_goal_cannot_be_reached_the_path_ends_within_the_goal_toleranc
 @pytest.mark.parametrize(
     ("half", "tolerance", "start"), [(0.4, 0.25, (0.95, 1.05)), (1.2, 1.0, (2.05, 0.35, 0.0))]
 )
-def test_a_robot_that_cannot_stand_across_at_the_goal_does_so_beside_it(half, tolerance, start):
+def test_lattice_stops_beside_blocked_goal(half, tolerance, start):
+    """At the goal itself, the robot would hit the wall."""
     grid = ascii_map(*["." * 40] * 30, "#" * 40, resolution=0.1)
     outline = Footprint([(half, 0.2), (half, -0.2), (-half, -0.2), (-half, 0.2)])
     sideways = Kinematics(drive="omnidirectional")
@@ -303,7 +308,7 @@ def test_a_robot_that_cannot_stand_across_at_the_goal_does_so_beside_it(half, to
     assert half - 0.35 <= math.dist(made.path.xy[-1], goal[:2]) <= tolerance
 
 
-def test_masks_are_kept_for_the_next_query_and_stay_as_they_are():
+def test_outline_masks_are_reused_unchanged():
     costs, planner = cluttered(0, CAR), Lattice()
     found = make_primitives(16, CAR.turning_radius / costs.grid.resolution, False)
     masks = make_outline_masks(costs.grid, LONG, found)
@@ -316,7 +321,8 @@ def test_masks_are_kept_for_the_next_query_and_stay_as_they_are():
     assert make_outline_masks(cluttered(1, CAR).grid, LONG, found) is not masks
 
 
-def test_ends_keep_their_headings_within_the_lattices():
+def test_path_ends_keep_requested_headings():
+    """The tolerance is half the largest step between the lattice's headings."""
     costs = Costmap.blank(OccupancyGrid(np.full((60, 60), FREE), 0.1), robot=Robot(kinematics=CAR))
     made = plan(costs, (1.0, 1.0, 0.5), (4.0, 4.0, -2.0), planner="lattice")
     ends = np.array([(1.0, 1.0, 0.5), (4.0, 4.0, -2.0)])
@@ -326,7 +332,8 @@ def test_ends_keep_their_headings_within_the_lattices():
 
 
 @pytest.mark.parametrize("kinematics", sample_cases(DRIVES, 2), ids=NAMES)
-def test_smoothed_paths_cost_no_more_keep_the_radius_and_meet_no_wall(kinematics):
+def test_smoothed_paths_cost_no_more(kinematics):
+    """They also keep the turning radius and hit no wall."""
     lower = 0
     for seed in range(6):
         costs, planner = cluttered(seed, kinematics, (30, 40)), Lattice(smooth=False)
@@ -348,7 +355,7 @@ def test_smoothed_paths_cost_no_more_keep_the_radius_and_meet_no_wall(kinematics
     assert lower >= 1
 
 
-def test_in_free_space_it_is_as_short_as_dubins_curves():
+def test_lattice_matches_dubins_curves_without_obstacles():
     costs = Costmap.blank(
         OccupancyGrid(np.full((300, 300), FREE), 0.1), robot=Robot(kinematics=FORWARD_08)
     )
@@ -362,7 +369,7 @@ def test_in_free_space_it_is_as_short_as_dubins_curves():
     assert np.mean(excess) < 0.001
 
 
-def test_a_path_that_the_robot_cannot_drive_is_smoothed_to_one_that_it_can():
+def test_smoothing_rounds_corners_to_turning_radius():
     costs = Costmap.blank(OccupancyGrid(np.full((80, 80), FREE), 0.1), robot=Robot(kinematics=CAR))
     path = smooth_path(costs, Path([(1.0, 1.0), (4.0, 1.0), (4.0, 6.0)]))
     step, turn = np.hypot(*np.diff(path.xy, axis=0).T), np.abs(np.diff(path.heading))
@@ -370,7 +377,7 @@ def test_a_path_that_the_robot_cannot_drive_is_smoothed_to_one_that_it_can():
     assert (turn * CAR.turning_radius <= step * (1 + 1e-3) + 1e-6).all()
 
 
-def test_a_search_out_of_time_says_how_far_it_came():
+def test_timeout_note_names_lower_bound():
     costs = Costmap.blank(
         OccupancyGrid(np.full((400, 400), FREE), 0.1), robot=Robot(kinematics=CAR)
     )
@@ -387,12 +394,13 @@ def test_a_search_out_of_time_says_how_far_it_came():
     "options",
     [{"headings": 12}, {"span": 0}, {"reverse": 1.0}, {"turn_cost": 0.0}, {"gear_change": -1.0}],
 )
-def test_options_out_of_their_range_are_refused(options):
+def test_lattice_rejects_options_out_of_range(options):
     with pytest.raises(ConfigError):
         Lattice(**options).check()
 
 
-def test_the_outline_keeps_the_margin_where_it_can_and_else_says_that_it_does_not():
+def test_lattice_keeps_margin_if_possible():
+    """Otherwise the note warns that the path comes nearer to walls."""
     grid = ascii_map("." * 24, *["." * 24] * 14, "#" * 24, resolution=0.1)
     outline = Footprint([(0.25, 0.15), (0.25, -0.15), (-0.25, -0.15), (-0.25, 0.15)])
     robot = Robot(footprint=outline, margin=0.1, goal_tolerance=0.0)
@@ -406,14 +414,15 @@ def test_the_outline_keeps_the_margin_where_it_can_and_else_says_that_it_does_no
     assert check_path(grid, tight.path, robot).drivable
 
 
-def test_a_start_in_the_goals_cell_is_at_the_goal():
+def test_lattice_solves_start_in_goal_cell():
     costs = Costmap.blank(OccupancyGrid(np.full((60, 60), FREE), 0.1), robot=Robot(kinematics=CAR))
     made = plan(costs, (2.02, 3.0), (2.07, 3.0), planner="lattice")
     assert (made.status, made.note) == ("solved", "")
     assert made.path.length < 0.3
 
 
-def test_a_turning_radius_beyond_the_map_leaves_only_the_way_ahead():
+def test_lattice_drives_straight_if_radius_huge():
+    """Any goal to the side is infeasible."""
     wide = Kinematics(drive="car-like", turning_radius=500.0)
     costs = Costmap.blank(OccupancyGrid(np.full((30, 60), FREE), 0.1), robot=Robot(kinematics=wide))
     ahead = plan(costs, (1.0, 1.0, 0.0), (5.0, 1.0, 0.0), planner="lattice")
@@ -433,7 +442,7 @@ def unpacked(words):
     return np.unpackbits(words.view(np.uint8), axis=1, bitorder="little").astype(bool)
 
 
-def test_widened_bits_are_those_of_plain_loops():
+def test_widened_bits_equal_plain_loops():
     plane = np.random.default_rng(0).random((3, 192)) < 0.02
     plane[1, 63:66] = plane[2, 191] = True
     wide = bit_masks.widen_bits(packed(plane))
@@ -442,7 +451,7 @@ def test_widened_bits_are_those_of_plain_loops():
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 63, 64, 100])
-def test_masks_of_runs_are_those_of_plain_loops(count):
+def test_run_masks_equal_plain_loops(count):
     rng = np.random.default_rng(count)
     shape, margin = (4, 100), 64
     plane = np.zeros((shape[0] + 2 * margin, 64 * 3 + 2 * margin), bool)
@@ -459,7 +468,8 @@ def test_masks_of_runs_are_those_of_plain_loops(count):
 
 
 @pytest.mark.parametrize("kinematics", DRIVES, ids=NAMES)
-def test_a_mask_is_set_just_where_the_outline_or_the_centre_meets_something(kinematics):
+def test_collision_masks_equal_plain_loops(kinematics):
+    """The outline must avoid walls, the centre blocked cells."""
     costs = cluttered(5, kinematics, (9, 70))
     ground = LatticeSearch(costs, 16, 1, PRICES).graph.ground
     rows, columns = costs.grid.shape
@@ -485,7 +495,8 @@ SQUARE = Footprint([(0.12, 0.08), (0.12, -0.08), (-0.12, -0.08), (-0.12, 0.08)])
 
 
 @pytest.mark.parametrize("outline", [SQUARE, LONG])
-def test_the_bound_needs_motions_in_reverse_only_of_robots_that_differ_both_ways(outline):
+def test_lattice_bound_equals_plain_projection(outline):
+    """Only an outline that differs front to back needs reverse motions."""
     costs = cluttered(20, DRIVES[1], (14, 16))
     costs = dataclasses.replace(costs, robot=dataclasses.replace(costs.robot, footprint=outline))
     search = LatticeSearch(costs, 16, 1, PRICES)
@@ -500,7 +511,8 @@ def test_the_bound_needs_motions_in_reverse_only_of_robots_that_differ_both_ways
 
 @pytest.mark.parametrize("headings", [8, 16])
 @pytest.mark.parametrize("kinematics", DRIVES, ids=NAMES)
-def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematics, headings):
+def test_lattice_searches_equal_plain_dijkstra(kinematics, headings):
+    """The bound is searched over cells, the path over states."""
     costs = cluttered(headings, kinematics)
     search = LatticeSearch(costs, headings, 1, PRICES)
     graph = search.graph
@@ -555,7 +567,7 @@ def ground_and_poses(seed, kind, blocked=0.02):
 
 @pytest.mark.parametrize("kind", [DUBINS, REEDS_SHEPP])
 @pytest.mark.parametrize("turn", [0.0, 0.4])
-def test_costs_of_own_lines_and_of_curves_are_those_of_tiny_steps(kind, turn):
+def test_smoothing_costs_equal_fine_integration(kind, turn):
     compared = 0
     for seed in range(3):
         ground, density, poses = ground_and_poses(seed, kind)
@@ -584,7 +596,7 @@ def test_costs_of_own_lines_and_of_curves_are_those_of_tiny_steps(kind, turn):
 
 
 @pytest.mark.parametrize("kind", [DUBINS, REEDS_SHEPP])
-def test_the_straightest_chain_and_shifted_knots_are_those_of_plain_loops(kind):
+def test_chain_and_knots_equal_plain_loops(kind):
     for seed in range(5):
         ground, _, knots = ground_and_poses(seed, kind, blocked=0.0)
         ground, drive = ground._replace(corner_cutting=False), made_drive(kind, 0.0)
@@ -615,7 +627,7 @@ def test_the_straightest_chain_and_shifted_knots_are_those_of_plain_loops(kind):
         assert np.allclose(costs, least)
 
 
-def test_a_curve_is_clear_where_no_pose_along_it_meets_a_wall():
+def test_clear_curve_has_no_colliding_pose():
     rng, outcomes = np.random.default_rng(7), set()
     for _ in range(30):
         walls = rng.random((24, 24)) < 0.004
@@ -683,7 +695,7 @@ def flooded(costs: Costmap, starts: list[tuple[int, int]]) -> list[np.ndarray]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("drive", MAP_DRIVES)
-def test_no_query_is_missed_that_its_motions_solve(real_maps, drive):
+def test_lattice_solves_every_reachable_query(real_maps, drive):
     solved = 0
     for seed, name in enumerate(["fetch_4_26_15", "aws_small_house"]):
         grid = load_map(next((real_maps / name).glob("*.yaml")))

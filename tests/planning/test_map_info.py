@@ -72,7 +72,7 @@ def room_of(info, place):
     return info.room_of_cell[info.grid.cell((place.x, place.y))]
 
 
-def test_rooms_that_are_not_connected_are_numbered_from_the_largest_on():
+def test_rooms_are_numbered_by_area():
     info = describe_map(ascii_map(*TWO_ROOMS), robot=0.0)
     assert [(room.number, room.area) for room in info.rooms] == [(1, 21.0), (2, 12.0)]
     assert info.room_of_cell[2].tolist() == [0, 2, 2, 2, 2, 0, 1, 1, 1, 1, 1, 1, 1, 0]
@@ -89,14 +89,14 @@ def test_levels_have_areas_and_shares():
     assert (info.free.share, info.occupied.share, info.unknown.share) == (0.5, 0.4, 0.1)
 
 
-def test_the_robots_radius_parts_rooms():
+def test_robot_radius_separates_rooms():
     doors = ascii_map(*["#" * 13], *["#.....#.....#"] * 2, "#...........#", *["#.....#.....#"] * 2)
     assert len(describe_map(doors, robot=0.4).rooms) == 1
     assert len(describe_map(doors, robot=0.6).rooms) == 2
 
 
 @pytest.mark.parametrize(("cells", "rooms"), [(6, 1), (7, 2)])
-def test_a_small_part_is_a_room_from_a_tenth_of_the_largest_on(cells, rooms):
+def test_room_needs_tenth_of_largest_area(cells, rooms):
     lines = ["#" * 18, "#........#" + ("." * cells).ljust(8, "#"), *["#........#########"] * 7]
     info = describe_map(ascii_map(*lines, "#" * 18, resolution=0.3), robot=0.0)
     assert (len(info.rooms), info.specks) == (rooms, 2 - rooms)
@@ -112,7 +112,7 @@ def test_specks_are_summed_up():
     assert "6 specks" in info.report()
 
 
-def test_places_are_far_apart_by_the_way_and_not_by_the_crow():
+def test_places_are_chosen_by_path_length():
     info = describe_map(ascii_map(*U_TURN), robot=0.0)
     first = info.pairs[0]
     assert (first.start.x, first.goal.x) == (1.5, 9.5)
@@ -121,7 +121,7 @@ def test_places_are_far_apart_by_the_way_and_not_by_the_crow():
     assert info.pairs[1].distance < first.distance
 
 
-def test_places_can_be_driven_between_and_stand_clear():
+def test_places_are_connected_and_clear():
     cells = np.pad(random_rooms((200, 300), seed=4), 1)
     grid = OccupancyGrid(cells, 0.05, (-3.0, 2.0, 0.4))
     info = describe_map(grid, robot=0.2)
@@ -135,7 +135,7 @@ def test_places_can_be_driven_between_and_stand_clear():
         assert grid.clearance[grid.cell((place.x, place.y))] > 0.35
 
 
-def test_places_do_not_depend_on_the_origin_but_for_rounding():
+def test_places_are_independent_of_origin():
     grid = ascii_map(*U_TURN, resolution=0.5)
     turned = OccupancyGrid(grid.cells, 0.5, (10.0, -4.0, math.radians(130)))
     infos = [describe_map(each, robot=0.0) for each in (grid, turned)]
@@ -146,7 +146,7 @@ def test_places_do_not_depend_on_the_origin_but_for_rounding():
     )
 
 
-def test_a_large_room_is_searched_on_a_coarser_grid(monkeypatch):
+def test_large_room_uses_coarser_grid(monkeypatch):
     grid = OccupancyGrid(np.pad(random_rooms((200, 300), seed=4), 1), 0.05, (1.0, 2.0, 0.4))
     exact = describe_map(grid, robot=0.2).pairs[0].distance
     monkeypatch.setattr("locplan.planning.cost_to_go.MAX_ROOM_CELLS", 4000)
@@ -157,7 +157,7 @@ def test_a_large_room_is_searched_on_a_coarser_grid(monkeypatch):
 
 
 @pytest.mark.parametrize("radius", [0.2, 0.8])
-def test_a_map_in_bands_is_described_as_the_whole_one(monkeypatch, radius):
+def test_banded_description_equals_whole_description(monkeypatch, radius):
     cells = np.pad(random_rooms((200, 300), seed=6, blocks=90), 1)
     grid = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.4))
     whole = describe_map(grid, robot=radius)
@@ -169,7 +169,7 @@ def test_a_map_in_bands_is_described_as_the_whole_one(monkeypatch, radius):
     assert banded.summary() == whole.summary()
 
 
-def test_a_large_map_takes_a_few_bytes_for_each_cell(monkeypatch):
+def test_describe_map_uses_little_memory(monkeypatch):
     """2^28 cells, the most that are read, are described in under 2 GB."""
     monkeypatch.setattr("locplan.planning.grid.BAND_CELLS", 2**14)
     cells = np.tile(np.pad(np.full((48, 60), FREE, np.uint8), 2), (20, 16))
@@ -190,7 +190,7 @@ def test_describe_map_skips_surroundings_of_rooms():
     assert (info.main_part == (info.room_of_cell == 2)).all()
 
 
-def test_describe_map_chooses_places_in_open_building():
+def test_places_lie_in_open_building():
     """A closet is no building, and the ground around an open building is none of its rooms."""
     cells = np.full((80, 120), FREE, np.uint8)
     for box in np.s_[20:61:40, 20:101], np.s_[20:61, 20:101:80]:
@@ -215,7 +215,7 @@ def test_describe_map_uses_ground_around_obstacles():
 
 
 @pytest.mark.parametrize("level", [FREE, UNKNOWN, OCCUPIED])
-def test_a_map_of_one_cell(level, tmp_path):
+def test_describe_map_accepts_single_cell(level, tmp_path):
     info = describe_map(OccupancyGrid([[level]], 1.0), robot=0.25)
     assert info.places == info.pairs == ()
     assert len(info.rooms) == (level == FREE)
@@ -225,7 +225,7 @@ def test_a_map_of_one_cell(level, tmp_path):
     save_figure(map_info_figure(info), tmp_path / "one.png")
 
 
-def test_a_map_without_free_cells(tmp_path):
+def test_describe_map_warns_without_free_cells(tmp_path):
     info = describe_map(ascii_map("####", "#  #", "####"))
     assert info.rooms == info.pairs == ()
     assert any("no cell is free" in warning for warning in info.warnings)
@@ -233,14 +233,14 @@ def test_a_map_without_free_cells(tmp_path):
     save_figure(map_info_figure(info), tmp_path / "none.png")
 
 
-def test_a_robot_that_fits_nowhere_and_one_smaller_than_a_cell():
+def test_describe_map_warns_of_unsuitable_radius():
     grid = ascii_map("#####", "#...#", "#####", resolution=0.2)
     assert any("fits nowhere: the widest" in text for text in describe_map(grid).warnings)
     (text,) = describe_map(grid, robot=0.05).warnings
     assert "a cell of 0.2 m is larger than the robot's radius of 0.05 m" in text
 
 
-def test_a_usual_map_has_no_warnings(tmp_path):
+def test_usual_map_has_no_faults(tmp_path):
     pixels = np.pad(walled(254), 3, constant_values=205)
     assert misleading(*read_map(image_map(tmp_path, pixels))) == ()
 
@@ -267,12 +267,13 @@ RAW = "mode: raw\n" + USUAL
         (np.pad(GREY_WALLS, ((0, 9), (0, 0))), USUAL, "is open to the unknown instead of walled"),
     ],
 )
-def test_what_misleads_is_said(tmp_path, pixels, more, warning):
+def test_faults_name_misleading_settings(tmp_path, pixels, more, warning):
     file = image_map(tmp_path, pixels, more)
     assert any(warning in text for text in misleading(*read_map(file))), misleading(*read_map(file))
 
 
-def test_mid_grey_and_transparent_pixels_are_no_walls(tmp_path):
+def test_faults_ignore_grey_and_transparent_pixels(tmp_path):
+    """Only dark grey pixels may be walls."""
     assert misleading(*read_map(image_map(tmp_path, GREY_ROOM.clip(None, 254)))) == ()
     drawn_map = np.where(GREY_ROOM == 205, 128, GREY_ROOM)
     assert misleading(*read_map(image_map(tmp_path, drawn_map))) == ()
@@ -285,7 +286,7 @@ def test_mid_grey_and_transparent_pixels_are_no_walls(tmp_path):
 
 
 @pytest.mark.parametrize("courtyard", [slice(0), slice(14, 26)], ids=["outside", "courtyard"])
-def test_a_dark_grey_around_or_between_rooms_is_no_wall(tmp_path, courtyard):
+def test_dark_grey_surroundings_are_no_wall(tmp_path, courtyard):
     """Rays of free cells cut thin pieces off the outside, as on maps that a robot made."""
     pixels = np.pad(walled(254, size=40), 12, constant_values=150)
     pixels[courtyard, 14:26] = 150
@@ -295,7 +296,7 @@ def test_a_dark_grey_around_or_between_rooms_is_no_wall(tmp_path, courtyard):
     )
 
 
-def test_dark_grey_walls_at_the_edge_of_the_image_are_walls(tmp_path):
+def test_dark_grey_edge_walls_are_reported(tmp_path):
     pixels = walled(254, wall=107, size=40)
     pixels[0, 5:10] = 0
     assert "151 dark grey" in " ".join(misleading(*read_map(image_map(tmp_path, pixels))))
@@ -318,7 +319,7 @@ def test_names_tell_masks_by_whole_words(tmp_path):
     assert misleading(*read_map(image_map(tmp_path, GREY_ROOM, name="speedway"))) == ()
 
 
-def test_a_yaw_is_said_to_count_here_and_degrees_are_suspected():
+def test_faults_name_yaw_and_suspect_degrees():
     grid = ascii_map("###", "#.#", "###", resolution=0.5)
     turned = replace(grid, origin=(0.0, 0.0, 0.5))
     assert "yaw of 28.65 deg counts" in misleading(turned)[0]
@@ -327,14 +328,14 @@ def test_a_yaw_is_said_to_count_here_and_degrees_are_suspected():
 
 
 @pytest.mark.parametrize("resolution", [0.05, 0.0504, 0.3])
-def test_cells_closer_than_a_distance_are_those_of_less_clearance(resolution):
+def test_cells_near_walls_match_clearance(resolution):
     for seed, distance in enumerate((0.0, 0.025, 0.025 + 1e-9, 0.075, 0.25, 0.31, 1.7)):
         cells = random_rooms((40, 50), seed)
         far = OccupancyGrid(cells, resolution).cells_near_walls(distance)
         np.testing.assert_array_equal(far, OccupancyGrid(cells, resolution).clearance < distance)
 
 
-def test_the_picture_has_numbered_lines_rooms_and_places():
+def test_info_figure_shows_rooms_and_places():
     grid = ascii_map(*TWO_ROOMS)
     info = describe_map(OccupancyGrid(grid.cells, 1.0, (5.0, -2.0, 0.3), "lab"), robot=0.0)
     figure = map_info_figure(info)
@@ -352,7 +353,7 @@ def test_the_picture_has_numbered_lines_rooms_and_places():
     assert f"{info.places[0].position_argument} m" in named
 
 
-def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
+def test_map_figure_keeps_walls_if_downsampled(monkeypatch):
     monkeypatch.setattr(_cells, "MAX_DRAWN_CELLS", 20)
     cells = np.full((50, 31), FREE, np.uint8)
     cells[:, 17] = OCCUPIED
@@ -366,14 +367,16 @@ def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
 
 
 @pytest.mark.parametrize("resolution", [0.2, 2.0, 5.0])
-def test_at_most_24_grid_lines_are_drawn_and_no_fewer_than_9(resolution):
+def test_info_figure_limits_grid_lines(resolution):
+    """The longer side has more than 9 and at most 24 spacings."""
     grid = OccupancyGrid(ascii_map(*TWO_ROOMS).cells, resolution, (0.0, 0.0, 0.0))
     (axes,) = map_info_figure(describe_map(grid, robot=0.0)).axes
     spacing = np.diff(axes.get_xticks())[0]
     assert 9 < max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) / spacing <= 24
 
 
-def test_the_command_prints_a_table_or_json_and_draws(run, tmp_path):
+def test_info_command_prints_table_or_json(run, tmp_path):
+    """It also writes the picture, and the command that it prints runs."""
     file = image_map(tmp_path, walled(254, size=16))
     code, out, err = run("info", file, "-o", tmp_path / "info.png", "--set", "footprint=0.25")
     assert code == 0
@@ -393,7 +396,7 @@ def test_the_command_prints_a_table_or_json_and_draws(run, tmp_path):
     assert json.loads(out)["robot"]["lidar"]["range"] == 1
 
 
-def test_what_misleads_is_told_once(run, tmp_path):
+def test_info_command_prints_fault_once(run, tmp_path):
     file = image_map(tmp_path, GREY_ROOM, "occupied_thresh: 0.65\nfree_thresh: 0.25")
     code, out, err = run("info", file)
     assert (code, err) == (0, "")
@@ -409,7 +412,7 @@ def test_wrong_pictures_and_radii_are_refused(run, tmp_path):
     assert "margin must be at least 0" in check_refusal(run("info", file, "--set", "margin=-1"))
 
 
-def test_the_table_sums_up_many_rooms(monkeypatch):
+def test_report_shortens_list_of_rooms(monkeypatch):
     monkeypatch.setattr("locplan.planning.map_info.MAX_LISTED_ROOMS", 1)
     text = describe_map(ascii_map(*TWO_ROOMS), robot=0.0).report()
     assert "1 more" in text

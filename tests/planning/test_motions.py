@@ -39,7 +39,8 @@ def random_costs(seed, *, blocked=0.0, size=40, yaw=0.0):
 
 @pytest.mark.parametrize("name", SHORTEST)
 @pytest.mark.parametrize("extent", [0.5, 2.0, 4.0, 15.0])
-def test_curves_lead_to_their_ends_and_none_of_ompls_is_shorter(name, extent):
+def test_curve_lengths_equal_ompl_lengths(name, extent):
+    """Each curve also leads exactly to its end."""
     rng = np.random.default_rng(3)
     space = SPACES[name](1.0)
     state, other = space.allocState(), space.allocState()
@@ -57,7 +58,8 @@ def test_curves_lead_to_their_ends_and_none_of_ompls_is_shorter(name, extent):
         assert np.abs(lengths).sum() == pytest.approx(space.distance(state, other), abs=1e-6)
 
 
-def test_dubins_never_drives_back_and_both_turn_at_least_at_the_radius():
+def test_dubins_curves_never_reverse():
+    """Reeds-Shepp curves are equally long in both directions."""
     rng = np.random.default_rng(5)
     for start, end in itertools.pairwise(random_poses(rng, 300, 3.0)):
         turns, lengths = curves.find_dubins_curve(*start, *end)
@@ -70,7 +72,7 @@ def test_dubins_never_drives_back_and_both_turn_at_least_at_the_radius():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_arcs_cross_the_borders_that_tiny_steps_find(seed):
+def test_arc_crossings_equal_fine_sampling(seed):
     rng = np.random.default_rng(seed)
     center_x, center_y, radius = *rng.uniform(-5, 5, 2), rng.uniform(0.3, 9)
     low = rng.uniform(-7, 7)
@@ -90,7 +92,7 @@ def test_arcs_cross_the_borders_that_tiny_steps_find(seed):
 
 @pytest.mark.parametrize("kind", [curves.DUBINS, curves.REEDS_SHEPP])
 @pytest.mark.parametrize("blocked", [0.0, 0.01])
-def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
+def test_curve_cost_equals_fine_integration(kind, blocked):
     rng = np.random.default_rng(7)
     density = random_costs(11, blocked=blocked).density
     half = search.make_bordered_half_density(density, 1)[None]
@@ -115,7 +117,7 @@ def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
 
 @pytest.mark.parametrize("space", ["Dubins", "ReedsShepp"])
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
-def test_a_curves_path_costs_what_the_curve_costs(space, yaw):
+def test_path_cost_equals_curve_cost(space, yaw):
     rng = np.random.default_rng(2)
     costs = random_costs(4, blocked=0.02, yaw=yaw)
     along = Motions(costs, space, turning_radius=0.9)
@@ -137,7 +139,7 @@ def test_a_curves_path_costs_what_the_curve_costs(space, yaw):
     assert seen > 20
 
 
-def test_straight_motions_cost_what_their_line_costs():
+def test_straight_motion_cost_equals_path_cost():
     rng = np.random.default_rng(2)
     costs = random_costs(4, blocked=0.05, yaw=-1.2)
     x, y = costs.grid.grid_to_world(*rng.uniform(0, 40, (2, 60)))
@@ -154,7 +156,7 @@ def test_straight_motions_cost_what_their_line_costs():
     assert np.isfinite(found).any()
 
 
-def test_a_curve_is_blocked_by_the_cells_it_crosses_and_no_others():
+def test_only_crossed_cells_block_curve():
     # A quarter turn about the lower left corner that passes exactly the cells it must.
     grid = ascii_map("....", "....", "....", "....")
     free = np.ones((4, 4))
@@ -170,7 +172,7 @@ def test_a_curve_is_blocked_by_the_cells_it_crosses_and_no_others():
         assert math.isinf(cost) == (near < 3.1 < far)
 
 
-def test_nothing_costs_less_than_its_length():
+def test_motion_cost_is_at_least_length():
     costs = Costmap.blank(OccupancyGrid(np.full((50, 50), FREE), 0.05), robot=0.0)
     rng = np.random.default_rng(0)
     straight = Motions(costs)
@@ -198,7 +200,7 @@ def test_impossible_spaces_are_refused(space, radius, message):
         Motions(random_costs(0), space, radius)
 
 
-def test_ends_that_are_nowhere_or_face_nowhere_are_blocked():
+def test_motion_to_invalid_pose_costs_infinity():
     costs = random_costs(0)
     here = costs.grid.position(20, 20)
     for space, radius in (("R2", None), ("SE2", None), ("Dubins", 0.5), ("ReedsShepp", 0.5)):
@@ -209,7 +211,8 @@ def test_ends_that_are_nowhere_or_face_nowhere_are_blocked():
 
 
 @pytest.mark.parametrize("radius", [0.003, 0.5, 140.0])
-def test_headings_far_round_and_turns_of_any_size_end(radius):
+def test_curve_cost_ignores_full_turns(radius):
+    """A full Dubins loop is blocked if it leaves the map."""
     costs = Costmap.blank(OccupancyGrid(np.full((40, 40), FREE), 0.25), robot=0.0)
     motions = Motions(costs, "ReedsShepp", radius)
     for n in range(20860, 20890):
@@ -220,7 +223,7 @@ def test_headings_far_round_and_turns_of_any_size_end(radius):
     assert math.isinf(full_loop) == (radius > 5)
 
 
-def test_poses_must_fit_the_space():
+def test_validate_pose_enforces_space():
     costs = random_costs(0)
     here = costs.grid.position(5, 5)
     with pytest.raises(PoseError, match="have a heading"):

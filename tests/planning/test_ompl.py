@@ -67,7 +67,7 @@ def in_a_process(code, *, seconds=600):
     return done.stdout
 
 
-def test_they_are_offered_by_their_names():
+def test_registry_lists_ompl_planners():
     assert set(list_planner_names()) == {
         "grid",
         "astar",
@@ -90,7 +90,7 @@ USUAL = [e for e in TRIED if e[1] == "R2" or e[0] == "RRT" or e == ("RRTstar", "
     ("planner", "space"),
     sample_cases([*USUAL, *(e for e in TRIED if e not in USUAL)], len(USUAL), are_rows=True),
 )
-def test_every_planner_finds_a_path_in_every_space_it_is_offered_for(planner, space):
+def test_planner_solves_supported_space(planner, space):
     start, goal, _ = two_ways_request(space)
     result = found_on_two_ways(planner, space)
     assert result.status == "solved"
@@ -118,7 +118,7 @@ def test_every_planner_finds_a_path_in_every_space_it_is_offered_for(planner, sp
         if kind.minimises
     ],
 )
-def test_the_objective_is_really_honoured(planner):
+def test_planner_minimises_costmap_cost(planner):
     # Below the block 2.9 m cost eight times as much; above it the way is about 7 m.
     costs = two_ways()
     start, goal, _ = two_ways_request("R2")
@@ -140,7 +140,8 @@ def test_the_objective_is_really_honoured(planner):
 
 @pytest.mark.parametrize("space", ["Dubins", "ReedsShepp"])
 @pytest.mark.parametrize("planner", sample_cases(["RRTstar", "RRT", "PRMstar", "BITstar"], 2))
-def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space):
+def test_curves_keep_turning_radius(planner, space):
+    """Dubins curves also never reverse."""
     path = found_on_two_ways(planner, space).path
     steps = np.diff(path.xy, axis=0)
     travelled = np.hypot(*steps.T)
@@ -166,7 +167,7 @@ def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space
         are_rows=True,
     ),
 )
-def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
+def test_seed_determines_path(planner, space):
     start, goal, options = two_ways_request(space)
     options["iterations"] = 10_000 if planner == "BITstar" else 2500 if "FMT" in planner else 600
     if space in ("Dubins", "ReedsShepp"):
@@ -179,7 +180,7 @@ def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
     assert not np.array_equal(paths[0].xy, paths[2].xy)
 
 
-def test_the_same_seed_gives_the_same_path_in_another_process():
+def test_seed_determines_path_across_processes():
     code = """
     import sys; sys.path.insert(0, "tests")
     from support.costmaps import two_ways, two_ways_request
@@ -194,7 +195,7 @@ def test_the_same_seed_gives_the_same_path_in_another_process():
 
 
 @pytest.mark.parametrize("planner", sample_cases(["BITstar", "InformedRRTstar", "SORRTstar"]))
-def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
+def test_informed_samples_lie_in_ellipse(planner):
     cells = np.full((200, 200), FREE, np.uint8)
     cells[95:106, 98:102] = 0
     motions = Motions(Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0))
@@ -225,7 +226,7 @@ def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
 @pytest.mark.parametrize(
     ("space", "seeds"), sample_cases([("R2", 1), ("R2", 5), ("SE2", 5)], are_rows=True)
 )
-def test_where_the_straight_line_is_best_the_search_ends(space, seeds):
+def test_search_ends_if_straight_line_optimal(space, seeds):
     # Then the ellipse has no area; informed samplers must not look for samples in it for ever.
     code = f"""
     import sys; sys.path.insert(0, "tests")
@@ -244,7 +245,8 @@ def test_where_the_straight_line_is_best_the_search_ends(space, seeds):
     assert {tuple(line.split()) for line in in_a_process(code).splitlines()} == found
 
 
-def test_what_reaches_ompl_is_finite_and_at_least_the_length():
+def test_motion_cost_is_at_least_length():
+    """OMPL must receive finite costs, also for blocked motions."""
     costs = two_ways()
     motions = Motions(costs)
     information = space_information(motions)
@@ -266,7 +268,7 @@ def test_what_reaches_ompl_is_finite_and_at_least_the_length():
     assert 0 < blocked < 500
 
 
-def test_an_unreachable_goal_is_told_without_a_search():
+def test_unreachable_goal_needs_no_search():
     costs = Costmap.blank(ascii_map("...#...", "...#...", "...#..."), robot=0.0)
     for planner, space in (("RRTstar", "R2"), ("PRM", "Dubins"), ("RRT", "SE2")):
         heading = () if space == "R2" else (0.0,)
@@ -284,7 +286,8 @@ def test_an_unreachable_goal_is_told_without_a_search():
         assert result.path is None
 
 
-def test_a_path_not_found_within_the_iterations_is_not_found():
+def test_exhausted_iterations_leave_plan_unsolved():
+    """The status is `not found`."""
     for planner in ("RRTstar", "RRT", "PRM", "FMT"):
         result = plan(two_ways(), (2.05, 0.55), (2.05, 3.55), planner=planner, iterations=2)
         assert result.status == "not found"
@@ -293,7 +296,7 @@ def test_a_path_not_found_within_the_iterations_is_not_found():
         assert "2 iterations" in result.note
 
 
-def test_a_start_at_the_goal_is_solved():
+def test_planner_solves_start_at_goal():
     for planner, space in ABLE:
         start, _, options = two_ways_request(space)
         result = plan(two_ways(), start, start, planner=planner, iterations=200, **options)
@@ -326,13 +329,14 @@ def test_a_start_at_the_goal_is_solved():
         ({"planner": "AORRTC"}, "planner must be one of"),
     ],
 )
-def test_what_cannot_be_is_refused(options, message):
+def test_plan_rejects_invalid_ompl_options(options, message):
     heading = (0.0,) if options.get("space", "R2") != "R2" else ()
     with pytest.raises(ConfigError, match=message):
         plan(two_ways(), (0.55, 1.05, *heading), (3.45, 1.05, *heading), **options)
 
 
-def test_impossible_ends_are_the_same_errors_as_the_grid_planners():
+def test_ompl_errors_equal_grid_planner_errors():
+    """Impossible starts raise the same message for all planners."""
     costs = two_ways()
     for start in ((2.0, 2.0), (9.0, 9.0), (math.nan, 1.0), (1.0,), "here"):
         with pytest.raises(PoseError) as grid:
@@ -342,7 +346,7 @@ def test_impossible_ends_are_the_same_errors_as_the_grid_planners():
         assert str(tree.value) == str(grid.value)
 
 
-def test_roadmaps_refuse_what_they_cannot_do():
+def test_roadmap_rejects_invalid_options():
     motions = Motions(two_ways())
     for given, message in (
         ({"planner": "RRTstar"}, "planner must be one of PRM, PRMstar"),
@@ -354,7 +358,7 @@ def test_roadmaps_refuse_what_they_cannot_do():
             grow_roadmap(motions, **given)
 
 
-def test_settings_reach_the_planner():
+def test_settings_reach_ompl_planner():
     information = space_information(Motions(two_ways()))
     from locplan.planning.ompl.settings import make_ompl_planner
 
@@ -366,7 +370,7 @@ def test_settings_reach_the_planner():
 
 
 @pytest.mark.parametrize("planner", [name for name, kind in KINDS.items() if kind.from_grid])
-def test_a_search_can_begin_with_the_grid_planners_path(planner):
+def test_search_starts_from_grid_path(planner):
     start, goal, _ = two_ways_request("R2")
     costs = two_ways()
     on_grid = plan(costs, start, goal, planner="grid").metrics.cost
@@ -375,7 +379,8 @@ def test_a_search_can_begin_with_the_grid_planners_path(planner):
 
 
 @pytest.mark.parametrize("space", ["Dubins", "ReedsShepp"])
-def test_curves_cost_no_more_than_the_lattices_path_that_they_begin_with(space):
+def test_curves_cost_at_most_lattice_path(space):
+    """The search starts from the lattice path."""
     start, goal, options = two_ways_request(space)
     reverse = space == "ReedsShepp"
     kinematics = Kinematics(drive="car-like", turning_radius=0.25, reverse=reverse)
@@ -403,7 +408,7 @@ def test_paths_can_be_improved(planner):
 
 
 @pytest.mark.parametrize("planner", ANYTIME)
-def test_a_search_stops_once_its_cost_hardly_falls(planner):
+def test_search_stops_if_cost_converges(planner):
     start, goal, _ = two_ways_request("R2")
     told, limits = [], {"convergence": 0.01, "iterations": 200_000}
     limits["progress"] = lambda done, total: told.append(done)
@@ -414,7 +419,7 @@ def test_a_search_stops_once_its_cost_hardly_falls(planner):
     assert result.metrics.cost < 1.1 * exact
 
 
-def test_limits_combine_with_the_robots_outline_waypoints_and_max_e():
+def test_ompl_combines_waypoints_with_outline():
     costs = two_ways()
     start, goal, options = two_ways_request("Dubins")
     via = [(2.0, 3.4, 0.0)]
@@ -428,7 +433,7 @@ def test_limits_combine_with_the_robots_outline_waypoints_and_max_e():
     assert result.via == tuple(via)
 
 
-def test_a_roadmap_serves_many_queries():
+def test_roadmap_serves_many_queries():
     costs = two_ways()
     motions = Motions(costs)
     roadmap = grow_roadmap(motions, limits=SearchLimits(iterations=2000))
@@ -445,7 +450,7 @@ def test_a_roadmap_serves_many_queries():
         roadmap.plan((0.55, 1.05), (2.0, 2.0))
 
 
-def test_what_ompl_says_goes_to_pythons_log(caplog):
+def test_ompl_messages_go_to_python_log(caplog):
     with caplog.at_level(logging.WARNING), log_messages():
         util.OMPL_WARN("look out")
         util.OMPL_INFORM("by the way")
@@ -459,7 +464,7 @@ def test_what_ompl_says_goes_to_pythons_log(caplog):
     assert not any("Random number" in record.message for record in caplog.records)
 
 
-def test_nothing_is_printed(capfd):
+def test_ompl_prints_no_output(capfd):
     start, goal, options = two_ways_request("Dubins")
     plan(two_ways(), start, goal, planner="InformedRRTstar", iterations=300, seed=2, **options)
     assert capfd.readouterr() == ("", "")
@@ -474,7 +479,7 @@ def slow_clock(monkeypatch):
 
 
 @pytest.mark.usefixtures("slow_clock")
-def test_a_time_limit_ends_the_search():
+def test_time_limit_ends_search():
     ends = SearchLimits(time_limit=0.25).make_stop_condition()
     assert 248 <= next(n for n in itertools.count() if ends()) <= 250
     start, goal, _ = two_ways_request("R2")
@@ -487,7 +492,7 @@ def test_a_time_limit_ends_the_search():
 
 
 @pytest.mark.usefixtures("slow_clock")
-def test_progress_is_told():
+def test_search_reports_progress():
     told = []
     start, goal, _ = two_ways_request("R2")
     given = {"planner": "RRTstar", "progress": lambda done, total: told.append((done, total))}
@@ -509,7 +514,7 @@ def test_progress_is_told():
         ),
     ],
 )
-def test_ctrl_c_ends_a_search(planner):
+def test_ctrl_c_ends_search(planner):
     code = f"""
     import os, signal, sys; sys.path.insert(0, "tests")
     from support.maps import ascii_map
@@ -536,7 +541,7 @@ def test_ctrl_c_ends_a_search(planner):
 
 @pytest.mark.long
 @pytest.mark.parametrize("planners", [tuple(KINDS)[n::3] for n in range(3)], ids=" ".join)
-def test_hard_cases_do_not_crash_the_process(planners):
+def test_ompl_survives_extreme_maps(planners):
     # One free cell, a narrow map, huge costs, coordinates far from the origin. Whether a path is
     # found in time is left open; without a limit of time, BFMT goes on and on in some.
     asked = [(planner, space) for planner in planners for space in KINDS[planner].spaces]
@@ -566,7 +571,7 @@ def test_hard_cases_do_not_crash_the_process(planners):
 
 
 @pytest.mark.long
-def test_many_solves_in_one_process_do_not_grow():
+def test_repeated_plans_leak_no_memory():
     code = """
     import resource, sys; sys.path.insert(0, "tests")
     from support.costmaps import two_ways, two_ways_request
@@ -587,7 +592,7 @@ def test_many_solves_in_one_process_do_not_grow():
 
 
 @pytest.mark.parametrize("status", ["timeout", "not found"])
-def test_a_search_that_gave_up_is_no_verdict_on_the_footprint(status):
+def test_unfinished_search_does_not_blame_footprint(status):
     def late(costs, start, goal):
         return PlannerResult(status=status, note="no path found within 1 s")
 
@@ -596,7 +601,8 @@ def test_a_search_that_gave_up_is_no_verdict_on_the_footprint(status):
     assert (found.status, found.note) == (status, "no path found within 1 s")
 
 
-def test_no_more_is_said_than_was_searched():
+def test_failed_search_note_names_waypoint():
+    """A roadmap of a single iteration fails unless a path seeds it."""
     costs, start, goal = two_ways(), (0.55, 0.55), (3.45, 3.55)
     gave_up = plan(costs, start, goal, planner=lambda *_: PlannerResult())
     assert (gave_up.status, gave_up.note) == ("not found", "")
@@ -615,7 +621,7 @@ def test_no_more_is_said_than_was_searched():
 
 
 @pytest.mark.parametrize("heading", [math.pi, -math.pi, 3 * math.pi, 7.0])
-def test_any_heading_is_a_heading(heading):
+def test_ompl_accepts_headings_beyond_pi(heading):
     for planner, space in (("RRTstar", "SE2"), ("RRTConnect", "ReedsShepp"), ("RRT", "Dubins")):
         radius = {} if space == "SE2" else {"turning_radius": 0.25}
         result = plan(

@@ -61,7 +61,7 @@ def test_fronts_equal_brute_force(zeros, corner_cutting):
     assert max(sizes) > 3
 
 
-def test_front_is_a_data_frame():
+def test_front_table_converts_to_frame():
     front = front_of(random_costs(3, (20, 24), blocked=0.15))
     frame = front.table().to_frame()
     assert len(frame) == len(front) > 1
@@ -69,7 +69,7 @@ def test_front_is_a_data_frame():
 
 
 @pytest.mark.parametrize("objective", ["u", "e"])
-def test_the_paths_are_what_the_front_says(objective):
+def test_front_plans_match_front_values(objective):
     costs = random_costs(3, (20, 24), blocked=0.15)
     front = front_of(costs, objective=objective)
     assert len(front) > 5
@@ -82,7 +82,7 @@ def test_the_paths_are_what_the_front_says(objective):
     assert (np.diff(front.integral) < 0).all()
 
 
-def test_the_ends_count_from_where_they_are():
+def test_front_lengths_include_end_legs():
     costs = costs_of(np.full((3, 6), 0.5), np.ones((3, 6), bool))
     front = pareto_front(costs, (0.2, 1.5), (5.9, 1.5))
     assert front.length[0] == pytest.approx(0.3 + 5 + 0.4, abs=1e-4)
@@ -169,7 +169,7 @@ def test_exact_planners_agree_in_degenerate_cases(ends, cutting):
     check_exact_planners_agree(costs_of(u, free), *ends, cutting=cutting)
 
 
-def test_every_weighted_optimum_lies_on_the_front():
+def test_front_contains_weighted_optima():
     costs = random_costs(5, (30, 30), blocked=0.2)
     front = front_of(costs)
     start, goal = (0.5, 0.5), far_corner(costs)
@@ -182,7 +182,7 @@ def test_every_weighted_optimum_lies_on_the_front():
 
 @pytest.mark.parametrize("cap", [{"max_labels": 100}, {"time_limit": 1e-6}])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_capped_front_is_as_good_as_it_says(seed, cap, monkeypatch):
+def test_capped_front_is_within_epsilon(seed, cap, monkeypatch):
     monkeypatch.setattr("locplan.planning.pareto.STRETCH", 50)
     costs = random_costs(seed, (40, 40), blocked=0.2)
     exact, capped = front_of(costs), front_of(costs, **cap)
@@ -225,7 +225,7 @@ def front_through(length, integral) -> ParetoFront:
         ([0], [0], 0),
     ],
 )
-def test_the_knee_is_where_a_drawn_front_bends(length, integral, knee):
+def test_knee_lies_at_bend_of_front(length, integral, knee):
     assert front_through(length, integral).knee == knee
     scaled = front_through(3 + 1e-3 * np.asarray(length), 1e5 * np.asarray(integral))
     assert scaled.knee == knee  # neither unit counts
@@ -242,7 +242,7 @@ def test_front_without_knee_names_trade():
 
 
 @pytest.mark.parametrize("angle", [10, 45, 80])
-def test_the_knee_of_a_circles_quarter_is_its_middle(angle):
+def test_knee_of_quarter_circle_is_middle(angle):
     around = np.deg2rad(np.linspace(0, 90, 91))
     front = front_through(21 - np.cos(around), 5 * (1 - np.sin(around)))
     assert front.knee == 45
@@ -251,7 +251,7 @@ def test_the_knee_of_a_circles_quarter_is_its_middle(angle):
 
 
 @pytest.mark.parametrize("objective", ["u", "e"])
-def test_no_path_lies_farther_below_the_chord_than_the_knee(objective):
+def test_knee_lies_farthest_below_chord(objective):
     front = front_of(random_costs(5, (40, 40), blocked=0.2), objective=objective)
     assert 0 < front.knee < len(front) - 1
     points = np.column_stack([front.length, front.integral])
@@ -261,7 +261,7 @@ def test_no_path_lies_farther_below_the_chord_than_the_knee(objective):
     assert below[front.knee] == pytest.approx(below.max())
 
 
-def test_an_unreachable_goal_has_an_empty_front():
+def test_front_is_empty_if_goal_unreachable():
     costs = costs_of(np.ones((1, 3)), np.array([[True, False, True]]))
     front = pareto_front(costs, (0.5, 0.5), (2.5, 0.5))
     assert len(front) == 0
@@ -272,7 +272,7 @@ def test_an_unreachable_goal_has_an_empty_front():
     assert result.status == "unreachable"
 
 
-def test_start_and_goal_in_one_cell_make_one_path():
+def test_front_has_single_path_within_cell():
     costs = costs_of(np.full((2, 2), 0.5), np.ones((2, 2), bool))
     front = pareto_front(costs, (0.5, 0.5), (0.7, 0.5))
     assert len(front) == 1
@@ -293,7 +293,7 @@ def test_bad_options_are_refused():
 
 @pytest.mark.parametrize("objective", ["u", "e"])
 @pytest.mark.parametrize("seed", range(8))
-def test_a_budget_gives_the_fronts_answer(seed, objective):
+def test_budget_plan_equals_front_path(seed, objective):
     costs = random_costs(seed, (25, 25), blocked=0.12, zeros=0.2 * (seed % 2))
     front = front_of(costs, objective=objective)
     start, goal = (0.5, 0.5), far_corner(costs)
@@ -355,7 +355,7 @@ def mirrored(values):
 
 @pytest.mark.parametrize("objective", ["u", "e"])
 @pytest.mark.parametrize("layer", LAYERS)
-def test_every_path_of_a_front_is_found_by_its_own_integral(layer, objective):
+def test_budget_finds_all_front_paths(layer, objective):
     paths = 0
     for seed in range(4):
         rng = np.random.default_rng([seed, 19])
@@ -387,7 +387,7 @@ MAPS = [
 
 
 @pytest.mark.parametrize("case", sample_cases(MAPS, 2), ids=str)
-def test_paths_of_a_maps_front_are_found_by_their_own_integrals(case):
+def test_budget_finds_front_paths_on_maps(case):
     name, criterion, weight = case
     grid = environments.make(name, resolution=0.1)
     field = load_or_compute(grid, FieldConfig(Sad(), stride=1.0))
@@ -398,7 +398,7 @@ def test_paths_of_a_maps_front_are_found_by_their_own_integrals(case):
     check_that_budgets_find(front, every=max(1, len(front) // 4))
 
 
-def test_a_budget_that_is_too_small_says_what_would_do():
+def test_small_budget_note_names_feasible_budget():
     costs = random_costs(2, (15, 15), blocked=0.1)
     ends = (0.5, 0.5), far_corner(costs)
     least = front_of(costs).integral[-1]
@@ -411,7 +411,7 @@ def test_a_budget_that_is_too_small_says_what_would_do():
     assert plan(costs, *ends, budget=told).status == "solved"
 
 
-def test_a_budget_without_time_gives_a_path_and_a_bound(monkeypatch):
+def test_interrupted_budget_plan_has_bound(monkeypatch):
     monkeypatch.setattr("locplan.planning.pareto.STRETCH", 1)
     costs = random_costs(0, (40, 40), blocked=0.2)
     front = front_of(costs)
@@ -423,7 +423,7 @@ def test_a_budget_without_time_gives_a_path_and_a_bound(monkeypatch):
         assert result.bound <= front.length[index] + 1e-4 <= result.metrics.length + 2e-4
 
 
-def test_a_budget_goes_with_the_grid_planner_alone():
+def test_budget_rejects_other_planners_and_options():
     costs = random_costs(1)
     ends = (0.5, 0.5), far_corner(costs)
     for options in ({"planner": "any-angle"}, {"via": [(0.5, 0.5)]}, {"max_e": 1.0}):
@@ -437,7 +437,7 @@ def test_a_budget_goes_with_the_grid_planner_alone():
 
 @pytest.mark.parametrize("planner", ["grid", "any-angle"])
 @pytest.mark.parametrize("seed", range(5))
-def test_cells_above_max_e_are_never_entered(seed, planner):
+def test_plan_respects_max_e(seed, planner):
     costs = random_costs(seed, (30, 30), blocked=0.05)
     ends = (0.5, 0.5), far_corner(costs)
     refused = plan(costs, *ends, planner=planner, max_e=0.6)
@@ -453,7 +453,8 @@ def test_cells_above_max_e_are_never_entered(seed, planner):
     assert below.feasible_from == least
 
 
-def test_curves_may_need_a_greater_max_e_than_the_grid():
+def test_curve_note_names_least_max_e():
+    """Curves may need a greater max_e than the grid."""
     costs = random_costs(0, (30, 30), blocked=0.05)
     ends = (0.5, 0.5, 0.0), (*far_corner(costs), 0.0)
     curved = {"planner": "RRT", "space": "Dubins", "turning_radius": 1.0, "iterations": 5}
@@ -462,7 +463,7 @@ def test_curves_may_need_a_greater_max_e_than_the_grid():
     assert refused.note.endswith("is needed at least")
 
 
-def test_a_limit_does_not_join_what_is_apart():
+def test_max_e_keeps_unreachable_goal_unreachable():
     costs = costs_of(np.ones((1, 3)), np.array([[True, False, True]]))
     assert plan(costs, (0.5, 0.5), (2.5, 0.5), max_e=0.1).status == "unreachable"
     with pytest.raises(ConfigError, match="max_e"):

@@ -19,7 +19,7 @@ ANGLED = Path([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]])
 
 
 @pytest.mark.parametrize("spacing", [0.3, 0.5, 2.0])
-def test_resampling_keeps_the_line_and_its_corners(spacing):
+def test_resampling_keeps_line_and_corners(spacing):
     fine = ANGLED.resample(spacing)
     assert np.diff(fine.distance).max() <= spacing + 1e-9
     assert fine.length == pytest.approx(3.0, abs=1e-12)
@@ -31,7 +31,7 @@ def test_positions_at_equal_distances_cut_corners():
     assert xy[2:6].tolist() == [[0.6, 0.0], [0.9, 0.0], [1.0, 0.2], [1.0, 0.5]]
 
 
-def test_resampling_keeps_turns_on_the_spot():
+def test_resampling_keeps_turns_in_place():
     path = Path([[0, 0], [1, 0], [1, 0], [1, 1]], [3.0, 3.0, -3.0, -2.0])
     fine = path.resample(0.4)
     assert fine.heading[:5] == pytest.approx([3.0, 3.0, 3.0, 3.0, 2 * np.pi - 3.0])
@@ -42,7 +42,7 @@ def test_resampling_keeps_turns_on_the_spot():
 
 
 @pytest.mark.parametrize("name", sample_cases(["tb4_depot", "willow_full_stage", "tuw_cave"]))
-def test_resampled_paths_stay_free_and_cost_the_same(real_maps, name):
+def test_resampling_keeps_path_cost(real_maps, name):
     costs = Costmap.blank(load_map(real_maps / name), robot=0.25)
     for query in random_queries(costs, 15, 1, min_distance=5.0):
         path = plan(costs, query.start, query.goal).path
@@ -51,13 +51,13 @@ def test_resampled_paths_stay_free_and_cost_the_same(real_maps, name):
             assert path_cost(costs, fine) == pytest.approx(path_cost(costs, path), rel=1e-12)
 
 
-def test_a_single_position_has_no_length():
+def test_single_position_has_zero_length():
     path = Path(np.array([[1.0, 2.0]]))
     assert path.length == 0.0
     assert path.resample(1.0).xy.tolist() == [[1.0, 2.0]]
 
 
-def test_geojson_is_the_line_with_its_headings():
+def test_geojson_has_line_and_headings():
     path = Path([[0.0, 1.0], [2.0, 1.0]], [0.0, 0.5])
     (line,) = json.loads(json.dumps(path.to_geojson(frame="odom")))["features"]
     assert line["geometry"] == {"type": "LineString", "coordinates": path.xy.tolist()}
@@ -66,7 +66,7 @@ def test_geojson_is_the_line_with_its_headings():
     assert point["geometry"]["coordinates"] == [[3.0, 4.0]] * 2  # a line needs two positions
 
 
-def test_nav_msgs_face_the_way_they_go():
+def test_nav_msgs_poses_face_travel_direction():
     fields = ANGLED.to_nav_msgs(frame="odom")
     assert fields["header"]["frame_id"] == "odom"
     positions = [pose["pose"]["position"] for pose in fields["poses"]]
@@ -88,13 +88,13 @@ def test_spacing_must_be_positive():
 
 
 @pytest.mark.parametrize("xy", [[[0, 0], [1e12, 0]], [[10**400, 0]], [["a", 0]], [[0, 0], [0]]])
-def test_positions_that_are_no_metres_are_refused(xy):
+def test_path_rejects_invalid_positions(xy):
     with pytest.raises(LocplanError):
         Path(xy)
 
 
 @pytest.mark.parametrize("heading", [[1e300, 0.0], ["east", 0.0], [10**400, 0], [0.0]])
-def test_headings_that_are_no_angles_are_refused(heading):
+def test_path_rejects_invalid_headings(heading):
     with pytest.raises(LocplanError, match="headings must be 2 angles"):
         Path(np.zeros((2, 2)), heading)
 
@@ -112,14 +112,14 @@ def test_no_path_takes_endless_steps():
 @pytest.mark.parametrize(
     "text", ["", "x,y\n", "x,y\n1e12,0\n", "x,y\n1\n", "x,y\n" + "9" * 400 + ",0"]
 )
-def test_files_without_a_path_are_refused(tmp_path, text):
+def test_load_rejects_files_without_path(tmp_path, text):
     (tmp_path / "p.csv").write_text(text)
     with pytest.raises(LocplanError, match="p"):
         Path.load(tmp_path / "p.csv")
 
 
 @pytest.mark.parametrize("name", ["", " ", "a\0b", "\ud800", None, 3])
-def test_what_can_be_no_file_name_is_refused(name):
+def test_readers_reject_invalid_file_names(name):
     for read in (
         Path.load,
         load_map,
@@ -132,7 +132,7 @@ def test_what_can_be_no_file_name_is_refused(name):
             read(name)
 
 
-def test_files_that_are_too_large_are_refused(tmp_path):
+def test_load_rejects_large_files(tmp_path):
     with (tmp_path / "p.csv").open("wb") as file:
         file.truncate(2**24 + 1)
     with pytest.raises(LocplanError, match=r"over 16\.8 MB"):

@@ -30,7 +30,7 @@ def in_world(grid, poses):
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 @pytest.mark.parametrize("beside", [1.6, 1.75])
-def test_the_clearance_is_that_of_the_outline_along_the_path(yaw, beside):
+def test_check_clearance_uses_outline_along_path(yaw, beside):
     grid = room(yaw)
     check = check_path(grid, in_world(grid, [(1, beside, 0), (7, beside, 0)]), Robot(footprint=BOX))
     assert check.drivable
@@ -40,7 +40,7 @@ def test_the_clearance_is_that_of_the_outline_along_the_path(yaw, beside):
     assert math.isnan(check.cost)
 
 
-def test_the_places_that_collide_are_named_with_the_way_up_to_them():
+def test_collision_fault_has_place_and_distance():
     grid, robot = room(), Robot(footprint=BOX)
     check = check_path(grid, in_world(grid, [(1 + n / 4, 1.9, 0) for n in range(25)]), robot)
     assert not check.drivable
@@ -54,7 +54,8 @@ def test_the_places_that_collide_are_named_with_the_way_up_to_them():
     assert free.drivable
 
 
-def test_turns_below_the_radius_and_ways_back_are_faults_of_a_car_alone():
+def test_turn_and_reverse_faults_need_car():
+    """A robot that turns in place can drive the same paths."""
     grid = room()
     corner = Path([(-1.0, 1.5), (3.0, 1.5), (3.0, 2.5)])
     back = in_world(grid, [(1, 0.5, 0), (3, 0.5, 0), (2, 0.5, 0)])
@@ -70,7 +71,7 @@ def test_turns_below_the_radius_and_ways_back_are_faults_of_a_car_alone():
         assert check.drivable == drivable
 
 
-def test_paths_of_the_lattice_can_be_driven_and_cost_what_they_cost():
+def test_lattice_path_passes_check():
     grid, robot = room(), Robot(footprint=BOX, kinematics=CAR)
     costs = Costmap.blank(grid, robot=robot)
     made = plan(costs, (-1.0, 2.0, 0.0), (4.5, 5.0, 1.57), planner="lattice")
@@ -80,7 +81,7 @@ def test_paths_of_the_lattice_can_be_driven_and_cost_what_they_cost():
     assert check.least_radius >= 0.495
 
 
-def test_a_check_is_saved_with_its_faults_and_drawn(tmp_path):
+def test_saved_check_has_faults(tmp_path):
     grid, robot = room(), Robot(footprint=BOX, kinematics=CAR)
     check = check_path(grid, [(-1.0, 2.9), (3.0, 2.9), (3.0, 2.0)], robot)
     check.save(tmp_path / "out")
@@ -93,12 +94,12 @@ def test_a_check_is_saved_with_its_faults_and_drawn(tmp_path):
     assert "tight turn" in check.report()
 
 
-def test_a_point_is_checked_too():
+def test_check_accepts_point_robot():
     found = check_path(room(), [(1.0, 1.0), (2.0, 1.0)], Robot(footprint=0.0, margin=0.0))
     assert found.drivable
 
 
-def test_what_cannot_be_checked_is_refused():
+def test_check_path_rejects_invalid_arguments():
     grid = room()
     with pytest.raises(ConfigError, match="robot must be"):
         check_path(grid, [(0, 2), (1, 2)], 0.2)

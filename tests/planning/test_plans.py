@@ -55,7 +55,7 @@ def test_no_path_crosses_zone(planner):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["nav2_depot", "rmf_office_scan", "tb4_maze"])
-def test_no_path_crosses_zone_on_real_map(name):
+def test_real_map_path_crosses_no_zone(name):
     folder = SHARED_DATA / "rosmaps" / name
     if not folder.is_dir():
         pytest.skip("the real maps (../shared/data/rosmaps) are not here")
@@ -80,7 +80,7 @@ def costs_from_corner(density, corner_cutting) -> np.ndarray:
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
 @pytest.mark.parametrize("seed", range(6))
-def test_costs_equal_the_plain_search(seed, corner_cutting):
+def test_costs_equal_plain_search(seed, corner_cutting):
     density = random_density((23, 31), seed)
     expected = oracles.search.shortest_costs(density, (0, 0), corner_cutting)
     np.testing.assert_allclose(costs_from_corner(density, corner_cutting), expected)
@@ -112,7 +112,7 @@ def test_costs_equal_scikit_images(seed, blocked):
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
 @pytest.mark.parametrize("seed", range(8))
-def test_the_path_costs_what_the_search_found(seed, corner_cutting):
+def test_path_cost_equals_search_cost(seed, corner_cutting):
     density = random_density((30, 40), seed, blocked=0.3)
     expected = oracles.search.shortest_costs(density, (0, 0), corner_cutting)[-1, -1]
     options = {"planner": "grid", "allow_corner_cutting": corner_cutting}
@@ -124,7 +124,7 @@ def test_the_path_costs_what_the_search_found(seed, corner_cutting):
         assert result.metrics.cost == pytest.approx(expected)
 
 
-def test_weight_0_is_the_shortest_path_around_a_wall():
+def test_uniform_density_gives_shortest_path():
     grid = ascii_map(
         ".....",
         ".###.",
@@ -147,7 +147,7 @@ def test_corners_are_not_cut_unless_allowed():
     assert cut.metrics.length == pytest.approx(np.sqrt(2))
 
 
-def test_the_path_begins_and_ends_exactly_at_start_and_goal():
+def test_path_ends_equal_start_and_goal():
     cells = random_rooms((60, 60), seed=21, blocks=4)
     grid = OccupancyGrid(cells, 0.1, (5.0, -3.0, 0.4))
     free = np.argwhere(grid.free)
@@ -161,7 +161,7 @@ def test_the_path_begins_and_ends_exactly_at_start_and_goal():
     assert result.metrics.cost == path_metrics(costs, result.path).cost
 
 
-def test_start_and_goal_in_one_cell():
+def test_plan_solves_ends_within_cell():
     costs = Costmap.from_density(ascii_map("..", ".."), np.ones((2, 2)))
     result = plan(costs, (0.2, 0.2), (0.2, 0.2), planner="grid")
     assert result.status == "solved"
@@ -172,7 +172,7 @@ def test_start_and_goal_in_one_cell():
     assert across.metrics.length == pytest.approx(0.2)
 
 
-def test_an_unreachable_goal_is_a_result():
+def test_unreachable_goal_returns_plan():
     costs = Costmap.from_density(ascii_map(".#."), np.ones((1, 3)))
     result = plan(costs, (0.5, 0.5), (2.5, 0.5))
     assert result.status == "unreachable"
@@ -180,7 +180,7 @@ def test_an_unreachable_goal_is_a_result():
     assert result.with_costs(costs) is result
 
 
-def test_impossible_ends_and_unknown_names_are_refused():
+def test_plan_rejects_bad_goal_and_planner():
     costs = Costmap.from_density(ascii_map(".#."), np.ones((1, 3)))
     with pytest.raises(PoseError, match="goal"):
         plan(costs, (0.5, 0.5), (1.5, 0.5))
@@ -197,7 +197,7 @@ def test_paths_have_no_needless_positions():
 
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
-def test_one_field_serves_all_starts(corner_cutting):
+def test_plan_field_serves_all_starts(corner_cutting):
     density = random_density((25, 30), 3, blocked=0.3)
     costs = costmap_from_density(density)
     to_goal = plan_field(costs, (29.5, 24.5), allow_corner_cutting=corner_cutting)
@@ -216,7 +216,7 @@ def test_one_field_serves_all_starts(corner_cutting):
     assert len(starts) > 20
 
 
-def test_a_field_for_an_impossible_goal_or_start_is_refused():
+def test_plan_field_rejects_blocked_ends():
     costs = costmap_from_density(np.array([[1.0, np.inf, 1.0]]))
     with pytest.raises(PoseError, match="goal"):
         plan_field(costs, (1.5, 0.5))
@@ -239,7 +239,7 @@ def test_waypoints_are_visited_in_order(planner):
     assert result.metrics.cost == pytest.approx(sum(legs))
 
 
-def test_impossible_waypoints_are_told():
+def test_plan_rejects_blocked_waypoint():
     costs = costmap_from_density(np.array([[1.0, np.inf, 1.0]]))
     with pytest.raises(PoseError, match="waypoint 1"):
         plan(costs, (0.5, 0.5), (0.6, 0.5), via=[(1.5, 0.5)])
@@ -249,7 +249,7 @@ def test_impossible_waypoints_are_told():
 
 
 @pytest.mark.parametrize("planner", ["grid", "any-angle"])
-def test_the_plan_beside_the_shortest_costs_no_more(planner):
+def test_plan_costs_at_most_shortest_path(planner):
     for seed in range(5):
         rng = np.random.default_rng(seed)
         grid = OccupancyGrid(random_rooms((50, 50), seed, blocks=6), 1.0)
@@ -267,7 +267,7 @@ def test_the_plan_beside_the_shortest_costs_no_more(planner):
             assert shortest.length <= aware.length
 
 
-def test_the_registry_says_what_the_planners_say():
+def test_registry_matches_planner_attributes():
     for name, entry in PLANNERS.items():
         planner = make_planner(name)
         assert isinstance(planner, Planner)
@@ -282,7 +282,7 @@ def test_the_registry_says_what_the_planners_say():
     assert PLANNERS["grid"].options() == {"allow_corner_cutting": False}
 
 
-def test_a_planner_is_added_by_a_file_and_a_line(monkeypatch):
+def test_registry_entry_adds_planner(monkeypatch):
     monkeypatch.setitem(PLANNERS, "toy", PlannerEntry(ToyPlanner, minimises=None))
     costs = costmap_from_density(np.ones((6, 9)))
     result = plan(costs, (0.5, 0.5), (8.5, 5.5), planner="toy", rows_first=True)
@@ -349,7 +349,7 @@ def test_planners_are_named_functions_or_objects():
         (lambda *query: Path(query[1:]), {}, "enters cells where the robot cannot be"),
     ],
 )
-def test_wrong_planners_are_told(planner, options, message):
+def test_plan_rejects_invalid_planners(planner, options, message):
     costs = costmap_from_density(np.array([[1.0, np.inf, 1.0], [1.0, 1.0, 1.0]]))
     with pytest.raises(LocplanError, match=message):
         plan(costs, (0.5, 0.5), (2.5, 0.5), planner=planner, **options)
@@ -367,7 +367,7 @@ def test_limits_are_kept_by_functions_too():
         plan(costs, *ends, planner=upwards, max_e=0.35)
 
 
-def test_the_time_that_a_function_tells_counts_where_it_can_be():
+def test_reported_solve_time_counts_if_plausible():
     costs = costmap_from_density(np.ones((3, 3)))
     ends = (0.5, 0.5), (2.5, 2.5)
 

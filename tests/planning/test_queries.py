@@ -65,7 +65,7 @@ def test_wrong_rows_are_named(tmp_path, text, complaint):
 FORMULAS = ("=HYPERLINK(1)", "-dock", "+1", "-1e3", "@x", "'=a", "''-b", "'c", "plain")
 
 
-def test_names_are_read_as_they_were_written_and_are_no_formulas(tmp_path):
+def test_csv_names_survive_formula_escaping(tmp_path):
     write_csv_rows(
         tmp_path / "stations.csv", ("name", "x", "y"), [(n, -1.0, 2.0) for n in FORMULAS]
     )
@@ -78,7 +78,7 @@ def test_names_are_read_as_they_were_written_and_are_no_formulas(tmp_path):
     assert cells == [[name, "-1"] for name in names]
 
 
-def test_each_two_stations_are_a_query(tmp_path):
+def test_station_pairs_become_queries(tmp_path):
     file = written(tmp_path, "name,x,y\na,1,2\nb,3,4\nc,5,6\n")
     assert read_stations(file)[1] == Station("b", 3.0, 4.0)
     with pytest.raises(LocplanError, match="its header must be name,x,y"):
@@ -90,7 +90,7 @@ def test_each_two_stations_are_a_query(tmp_path):
     ]
 
 
-def test_files_that_cannot_be_read(tmp_path):
+def test_read_queries_rejects_unreadable_files(tmp_path):
     with pytest.raises(LocplanError, match="there is no such file"):
         read_queries(tmp_path / "none.csv")
     (tmp_path / "picture.csv").write_bytes(bytes(range(128, 256)))
@@ -106,7 +106,7 @@ def two_rooms(size=60) -> Costmap:
     return Costmap.blank(OccupancyGrid(cells, 0.5, (-3.0, 2.0, 0.3)), robot=0.0)
 
 
-def test_random_queries_can_be_solved_and_are_spread():
+def test_random_queries_are_solvable_and_spread():
     costs = two_rooms()
     queries = random_queries(costs, 12, 4, min_distance=8.0)
     assert len({query.name for query in queries}) == 12
@@ -122,7 +122,7 @@ def test_random_queries_can_be_solved_and_are_spread():
     assert apart.min() > 4.0
 
 
-def test_distances_that_hardly_any_pair_has():
+def test_random_queries_reach_longest_distance():
     costs = two_rooms()
     longest = math.hypot(29, 29) * 0.5
     queries = random_queries(costs, 3, 1, min_distance=longest)
@@ -131,7 +131,7 @@ def test_distances_that_hardly_any_pair_has():
         random_queries(costs, 3, 1, min_distance=21.0)
 
 
-def test_random_queries_that_cannot_be():
+def test_random_queries_reject_impossible_requests():
     full = Costmap.blank(OccupancyGrid(np.zeros((5, 5), np.uint8), 1.0), robot=0.0)
     with pytest.raises(ConfigError, match="no cell where the robot fits"):
         random_queries(full, 1, 1, min_distance=1.0)
@@ -161,7 +161,7 @@ def test_scenarios_have_their_optimal_length():
         read_scenarios(BENCHMARKS / "8room_000.map", grid)
 
 
-def test_the_first_line_of_a_benchmark_is_its_top(tmp_path):
+def test_movingai_map_starts_at_top(tmp_path):
     file = written(tmp_path, "type octile\nheight 2\nwidth 3\nmap\n...\n@@.\n", "m.map")
     grid = read_movingai_map(file)
     assert (grid.cells == [[OCCUPIED, OCCUPIED, FREE], [FREE, FREE, FREE]]).all()

@@ -65,7 +65,7 @@ def test_note_names_what_planner_ignores(planner):
         assert note.startswith(f"{planner} ignores the robot's {what}: ")
 
 
-def test_note_stands_on_budgets_fronts_and_fields():
+def test_budget_front_and_field_have_note():
     costs = costs_for(ROBOTS["both"])
     front = pareto_front(costs, *ENDS)
     plans = (
@@ -76,7 +76,7 @@ def test_note_stands_on_budgets_fronts_and_fields():
     assert all("ignores the robot's outline and turning radius" in each.note for each in plans)
 
 
-def test_note_judges_a_users_path():
+def test_note_judges_user_path():
     def straight(costs, start, goal):
         return locplan.Path(np.array([start, goal]))
 
@@ -88,7 +88,7 @@ def test_note_judges_a_users_path():
 
 @pytest.mark.parametrize("space", ["Dubins", "ReedsShepp"])
 @pytest.mark.parametrize("planner", ["RRTstar", "PRMstar"])
-def test_ompl_curves_keep_the_outline(space, planner):
+def test_ompl_curves_respect_outline(space, planner):
     """On the direct curve a front corner of the outline hits a post that the circle passes.
 
     The robot must back up to go around it.
@@ -108,14 +108,14 @@ def test_ompl_curves_keep_the_outline(space, planner):
         assert check_path(costs.grid, found.path, robot).drivable
 
 
-def test_ompl_names_the_end_that_meets_a_wall():
+def test_ompl_note_names_colliding_end():
     options = {"planner": "RRTstar", "space": "Dubins", "turning_radius": 0.8, "iterations": 9}
     found = plan(costs_for(ROBOTS["both"]), (0.5, 1.0, 0.0), POSES[1], **options)
     assert found.status == "infeasible"
     assert "outline meets a wall at the start" in found.note
 
 
-def test_ompl_note_names_a_tighter_radius():
+def test_ompl_note_names_tighter_radius():
     options = {"planner": "RRTstar", "space": "ReedsShepp", "iterations": 500}
     robot = Robot(footprint=0.2, kinematics=dataclasses.replace(CAR, reverse=False))
     found = plan(costs_for(robot), *POSES, turning_radius=0.4, **options)
@@ -123,7 +123,7 @@ def test_ompl_note_names_a_tighter_radius():
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_compare_takes_the_robots_planner():
+def test_compare_uses_robot_planner():
     costs = costs_for(ROBOTS["both"])
     execution = locplan.comparison.Execution(workers=1)
     result = locplan.compare(costs, queries=[ENDS], execution=execution)
@@ -133,7 +133,7 @@ def test_compare_takes_the_robots_planner():
     assert "cannot drive" in notes["grid"]
 
 
-def test_choice_of_an_outline_is_drivable():
+def test_candidates_for_outline_robot_are_drivable():
     robot = ROBOTS["outline"]
     costs = costs_for(robot)
     choice = locplan.recommend_path(costs.grid, *ENDS, robot, costs=costs)

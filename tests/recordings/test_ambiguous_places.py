@@ -23,7 +23,7 @@ def equal_rooms():
     return find_ambiguous_places(two_rooms(), Robot(LIDAR))
 
 
-def test_places_of_two_equal_rooms_are_all_ambiguous(equal_rooms):
+def test_places_in_twin_rooms_are_ambiguous(equal_rooms):
     assert len(equal_rooms.places) > 10
     np.testing.assert_allclose(equal_rooms.excess, 0.0, atol=0.1)
     np.testing.assert_allclose(equal_rooms.elsewhere, 0.5, atol=0.1)
@@ -35,14 +35,14 @@ def test_places_of_two_equal_rooms_are_all_ambiguous(equal_rooms):
     )
 
 
-def test_places_of_one_room_are_not_ambiguous():
+def test_places_in_single_room_are_unambiguous():
     found = find_ambiguous_places(join_rooms(room_cells()), Robot(LIDAR))
     assert found.share == 0.0
     assert found.elsewhere.max() < 0.05
     assert found.sentence.startswith("0 % of the places are ambiguous to one scan; safe starts: ")
 
 
-def test_places_along_a_corridor_are_ambiguous():
+def test_places_along_corridor_are_ambiguous():
     grid = corridor(30.0, 2.0, resolution=0.1)
     found = find_ambiguous_places(grid, Robot(Lidar(range=5.0)))
     inner = np.abs(found.places[:, 0]) < 9.0
@@ -50,7 +50,7 @@ def test_places_along_a_corridor_are_ambiguous():
     assert (found.elsewhere[inner] > 0.5).all()
 
 
-def test_starts_lie_in_the_room_that_differs():
+def test_safe_starts_lie_in_unique_room():
     other = room_cells((1, 5, 1, 20), (30, 33, 20, 36))
     grid = join_rooms(room_cells(), other, room_cells())
     found = find_ambiguous_places(grid, Robot(LIDAR), spacing=0.8)
@@ -59,7 +59,7 @@ def test_starts_lie_in_the_room_that_differs():
     assert ((found.starts[:, 0] > 5.4) & (found.starts[:, 0] < 9.8)).all()
 
 
-def test_starts_are_apart_and_have_no_ambiguous_neighbour():
+def test_safe_starts_avoid_ambiguous_neighbours():
     places = np.column_stack([np.arange(12.0), np.zeros(12)])
     excess = np.array([9.0, 9, 9, 1, 20, 8, 8, 8, 7, 7, 7, 2.9])
     row = AmbiguousPlaces(places, excess, np.exp(-excess), 1.0)
@@ -69,7 +69,7 @@ def test_starts_are_apart_and_have_no_ambiguous_neighbour():
     assert low.starts.shape == (0, 2)
 
 
-def test_places_turn_with_the_origins_yaw(equal_rooms):
+def test_places_rotate_with_map_yaw(equal_rooms):
     yaw = 0.7
     found = find_ambiguous_places(two_rooms(origin=(3.0, -2.0, yaw)), Robot(LIDAR))
     np.testing.assert_array_equal(found.excess, equal_rooms.excess)
@@ -78,7 +78,7 @@ def test_places_turn_with_the_origins_yaw(equal_rooms):
     np.testing.assert_allclose(found.places, turned, atol=1e-9)
 
 
-def test_the_worst_heading_of_a_lidar_that_looks_ahead_counts():
+def test_narrow_lidar_counts_worst_heading():
     cells = two_rooms().cells.copy()
     cells[10:20, 80:97] = OCCUPIED  # only one end of the second room differs
     ahead = Lidar(range=8.0, field_of_view_deg=90.0)
@@ -88,7 +88,7 @@ def test_the_worst_heading_of_a_lidar_that_looks_ahead_counts():
     assert found.share > around.share
 
 
-def test_threads_change_nothing_and_progress_ends(equal_rooms):
+def test_thread_count_does_not_change_results(equal_rooms):
     told = []
     again = find_ambiguous_places(
         two_rooms(), Robot(LIDAR), threads=3, progress=lambda *done: told.append(done)
@@ -123,7 +123,7 @@ def test_bad_arguments_are_refused(settings, says):
         )
 
 
-def test_info_tells_the_share_and_the_starts(run, tmp_path):
+def test_info_reports_ambiguous_places(run, tmp_path):
     save_map(join_rooms(room_cells()), tmp_path / "room.yaml")
     lidar = "--set", "range=8"
     code, out, err = run("info", tmp_path / "room.yaml", *lidar)
@@ -136,7 +136,7 @@ def test_info_tells_the_share_and_the_starts(run, tmp_path):
     assert "ambiguous" not in out
 
 
-def test_info_says_why_nothing_is_known_of_ambiguous_places(run, tmp_path):
+def test_info_explains_unknown_ambiguous_places(run, tmp_path):
     save_map(OccupancyGrid(np.full((40, 40), FREE, np.uint8), 0.1), tmp_path / "open.yaml")
     code, out, _ = run("info", tmp_path / "open.yaml", "--set", "range=8")
     assert code == 0

@@ -57,7 +57,8 @@ def same(read: Recording, wanted: Recording, tolerance: float = 1e-9) -> None:
     np.testing.assert_allclose(read.ends(), wanted.ends(), rtol=0, atol=1e-4)
 
 
-def test_odd_metadata_is_read_without_warnings_of_a_library(tmp_path):
+def test_bag_reader_accepts_repeated_yaml_anchors(tmp_path):
+    """The library ruamel.yaml warns of repeated anchors."""
     path = write_drive(tmp_path, drive(), "mcap")
     about = path / "metadata.yaml"
     first, second, rest = about.read_text().split(": ", 2)
@@ -67,7 +68,7 @@ def test_odd_metadata_is_read_without_warnings_of_a_library(tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("lidar", [LIDAR, CIRCLE], ids=["part", "circle"])
-def test_bags_of_all_kinds_give_back_the_drive(tmp_path, kind, lidar):
+def test_loaded_bag_equals_written_drive(tmp_path, kind, lidar):
     wanted = drive(lidar)
     path = write_drive(tmp_path, wanted, kind)
     read = read_recording(path)
@@ -94,7 +95,7 @@ def test_bags_of_all_kinds_give_back_the_drive(tmp_path, kind, lidar):
         *(("ros1", mode) for mode in ("BZ2", "LZ4")),
     ],
 )
-def test_bags_that_are_packed_are_read(tmp_path, kind, packed):
+def test_compressed_bag_equals_written_drive(tmp_path, kind, packed):
     same(read_recording(write_drive(tmp_path, drive(), kind, packed)), drive())
 
 
@@ -106,7 +107,7 @@ def test_bags_that_are_packed_are_read(tmp_path, kind, packed):
         *(("ros1", mode, "MAX_CHUNK_BYTES") for mode in ("BZ2", "LZ4")),
     ],
 )
-def test_what_a_bag_unpacks_to_is_bounded(tmp_path, monkeypatch, kind, packed, limit):
+def test_bag_reader_limits_unpacked_size(tmp_path, monkeypatch, kind, packed, limit):
     path = write_drive(tmp_path, drive(), kind, packed)
     monkeypatch.setattr(f"locplan.recordings.bags.{limit}", 1)
     with pytest.raises(RecordingError, match="unpacks to over"):
@@ -114,7 +115,7 @@ def test_what_a_bag_unpacks_to_is_bounded(tmp_path, monkeypatch, kind, packed, l
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_small_drive_is_the_same_as_a_bag(tmp_path, kind):
+def test_small_drive_survives_bag_conversion(tmp_path, kind):
     small = Recording.load(FILE)
     small = replace(small, times=small.times + BEGIN)
     same(read_recording(write_drive(tmp_path, small, kind)), small)
@@ -124,7 +125,7 @@ def test_the_small_drive_is_the_same_as_a_bag(tmp_path, kind):
     "name", sample_cases(("orebro", "aces", "csail", "fhw", "intel", "seattle"))
 )
 @pytest.mark.parametrize("kind", KINDS)
-def test_real_logs_are_the_same_as_bags(tmp_path, kind, name):
+def test_real_logs_survive_bag_conversion(tmp_path, kind, name):
     if not (SHARED_DATA / "carmen").is_dir():
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
     log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
@@ -133,7 +134,7 @@ def test_real_logs_are_the_same_as_bags(tmp_path, kind, name):
     assert read_recording(path).lidar == log.lidar
 
 
-def test_poses_are_interpolated_at_the_stamps_of_scans(tmp_path):
+def test_poses_are_interpolated_at_scan_stamps(tmp_path):
     with open_bag(tmp_path, "mcap") as (path, bag):
         bag.tf(BEGIN, bag.transform(BEGIN, "map", "odom", (1.0, 2.0, math.pi / 2)))  # sent once
         for n in range(6):  # turns through pi
@@ -151,7 +152,7 @@ def test_poses_are_interpolated_at_the_stamps_of_scans(tmp_path):
     assert read.source.notes == ("2 of 5 scans have no pose",)
 
 
-def test_poses_are_not_interpolated_over_long_gaps_in_which_the_robot_moved(tmp_path):
+def test_interpolation_skips_gaps_with_motion(tmp_path):
     with open_bag(tmp_path, "mcap") as (path, bag):
         for time, x in ((0.0, 0.0), (10.0, 0.01), (20.0, 5.0)):
             bag.plain_pose(BEGIN + time, (x, 0.0, 0.0))
@@ -163,7 +164,7 @@ def test_poses_are_not_interpolated_over_long_gaps_in_which_the_robot_moved(tmp_
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_lidar_that_is_upside_down_has_its_beams_reversed(tmp_path, kind):
+def test_upside_down_lidar_has_reversed_beams(tmp_path, kind):
     wanted = drive()
     lidar = wanted.lidar
     with open_bag(tmp_path, kind) as (path, bag):
@@ -176,7 +177,8 @@ def test_a_lidar_that_is_upside_down_has_its_beams_reversed(tmp_path, kind):
     same(read_recording(path), replace(wanted, odometry=None))
 
 
-def test_clockwise_scans_are_turned_round_and_others_resampled(tmp_path):
+def test_bag_reader_normalizes_scan_angles(tmp_path):
+    """Clockwise scans are reversed, and scans with other angles are resampled."""
     wanted, lidar = drive(), LIDAR
     first, last = float(lidar.angles[0]), float(lidar.angles[-1])
     with open_bag(tmp_path, "mcap") as (path, bag):
@@ -196,7 +198,7 @@ def test_clockwise_scans_are_turned_round_and_others_resampled(tmp_path):
     assert read.source.notes == ("1 of 8 scans were resampled to the angles of the first one",)
 
 
-def test_a_full_circle_with_its_first_beam_twice_has_it_once(tmp_path):
+def test_full_circle_drops_repeated_beam(tmp_path):
     with open_bag(tmp_path, "mcap") as (path, bag):
         bag.plain_pose(BEGIN, (0.0, 0.0, 0.0))
         step = 2 * math.pi / 8
@@ -237,7 +239,7 @@ def poses_only(folder, *topics, scan="/scan"):
         (("/odom",), {"pose_topic": "/odom"}, "/odom"),
     ],
 )
-def test_poses_come_from_topics_where_tf_tells_none(tmp_path, topics, options, found):
+def test_pose_topics_replace_missing_tf(tmp_path, topics, options, found):
     path, wanted = poses_only(tmp_path, *topics)
     read = read_with(path, **options)
     assert read.source.poses == found
@@ -251,7 +253,7 @@ def test_poses_come_from_topics_where_tf_tells_none(tmp_path, topics, options, f
     assert mounted.lidar.mount_yaw_deg == pytest.approx(30.0, abs=1e-4)
 
 
-def test_poses_of_amcl_are_carried_to_the_scans_by_odometry(tmp_path):
+def test_odometry_carries_amcl_poses_to_scans(tmp_path):
     """It tells few, long apart; in between the robot goes there and back."""
     count = 31
     along = np.abs(np.linspace(-1.5, 1.5, count))
@@ -276,7 +278,7 @@ def test_poses_of_amcl_are_carried_to_the_scans_by_odometry(tmp_path):
     assert np.abs(read.poses[between, :2] - poses[index[between], :2]).max() < 0.005
 
 
-def test_several_topics_are_named(tmp_path):
+def test_bag_reader_names_competing_topics(tmp_path):
     path, _ = poses_only(tmp_path, "/a/mocap", "/b/mocap")
     with pytest.raises(
         RecordingError, match="poses on /a/mocap and /b/mocap; choose one with pose"
@@ -297,7 +299,7 @@ def test_several_topics_are_named(tmp_path):
 
 
 @pytest.mark.parametrize("source", ["topic", "TF"])
-def test_odometry_stands_for_missing_poses(tmp_path, source):
+def test_odometry_replaces_missing_poses(tmp_path, source):
     """A drive without localization is what `trajectory` is for."""
     with open_bag(tmp_path, "mcap") as (path, bag):
         for n in range(3):
@@ -320,7 +322,7 @@ def test_odometry_stands_for_missing_poses(tmp_path, source):
     assert not unplaced.has_poses
 
 
-def test_scans_alone_are_read_for_locating(tmp_path):
+def test_bag_reader_accepts_bag_without_poses(tmp_path):
     with open_bag(tmp_path, "mcap") as (path, bag):
         bag.scan(BEGIN, LIDAR, np.ones(7))
     drive = read_with(path, needs_poses=False)
@@ -328,7 +330,7 @@ def test_scans_alone_are_read_for_locating(tmp_path):
     assert np.isnan(drive.poses).all()
 
 
-def test_missing_things_are_told(tmp_path):
+def test_bag_errors_name_missing_data(tmp_path):
     def refused(words, kind="mcap", write=lambda bag: None, **options):
         shutil.rmtree(tmp_path / "drive_mcap", ignore_errors=True)
         with open_bag(tmp_path, kind) as (path, bag):
@@ -414,7 +416,7 @@ def test_missing_things_are_told(tmp_path):
     refused("the lidar 'laser' is tilted by 30 deg", write=tilted)
 
 
-def test_clocks_that_run_backwards_are_refused(tmp_path):
+def test_bag_reader_rejects_backward_clock(tmp_path):
     with open_bag(tmp_path, "mcap") as (path, bag):
         for n in range(6):
             time = BEGIN + 0.1 * n
@@ -428,7 +430,7 @@ def test_clocks_that_run_backwards_are_refused(tmp_path):
     assert len(read_recording(path, window=(0.0, 0.35))) == 4
 
 
-def test_scans_that_overtake_each_other_are_put_in_order(tmp_path):
+def test_bag_reader_sorts_scans_by_stamp(tmp_path):
     wanted = drive()
     with open_bag(tmp_path, "mcap") as (path, bag):
         for n in (0, 2, 1, 3, 3, 4, 5, 6, 7):
@@ -441,7 +443,7 @@ def test_scans_that_overtake_each_other_are_put_in_order(tmp_path):
     np.testing.assert_allclose(read.poses[:, 0], wanted.poses[:, 0])
 
 
-def test_frames_and_topics_of_a_robot_with_a_name_are_found(tmp_path):
+def test_bag_reader_finds_namespaced_frames(tmp_path):
     wanted = drive()
     with open_bag(tmp_path, "ros1") as (path, bag):
         for name, shift in (("r1", 0.0), ("r2", 50.0)):
@@ -461,7 +463,7 @@ def test_frames_and_topics_of_a_robot_with_a_name_are_found(tmp_path):
     assert read.lidar.mount_x == pytest.approx(0.2)
 
 
-def test_damaged_bags_are_refused_in_one_line(tmp_path):
+def test_bag_reader_rejects_damaged_bags(tmp_path):
     for kind, remedy in (("mcap", "mcap recover"), ("sqlite3", ".recover"), ("ros1", "reindex")):
         path = write_drive(tmp_path, drive(), kind)
         if path.is_dir():
@@ -476,7 +478,7 @@ def test_damaged_bags_are_refused_in_one_line(tmp_path):
         assert remedy in str(caught.value)
 
 
-def test_rosbags_is_asked_for_where_it_is_missing(tmp_path, monkeypatch):
+def test_bag_error_names_missing_rosbags(tmp_path, monkeypatch):
     path = write_drive(tmp_path, drive(), "mcap")
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(LocplanError, match=r"needs rosbags: pip install 'locplan\[ros\]'"):
@@ -489,7 +491,7 @@ def test_progress_counts_messages_in_two_passes(tmp_path):
     assert seen == [(0, 8), (8, 8), (0, 24), (24, 24)]
 
 
-def test_transforms_that_no_pose_needs_are_left_out():
+def test_bag_poses_drop_unrelated_frames():
     from locplan.recordings.bags import BagPoses
     from locplan.recordings.logs import ReadOptions
 
@@ -507,7 +509,7 @@ def test_transforms_that_no_pose_needs_are_left_out():
     assert tree.frames == ("base_link", "laser", "map", "odom")
 
 
-def test_memory_is_taken_by_what_is_kept(tmp_path):
+def test_transform_track_keeps_nearest_samples(tmp_path):
     """Of the moving transforms two samples a scan are kept, however many were recorded."""
     track = poses.TransformTrack([1.0, 2.0, 3.0])
     for n in range(4000):
@@ -516,7 +518,7 @@ def test_memory_is_taken_by_what_is_kept(tmp_path):
     np.testing.assert_allclose(track.interpolate()[:, 0], [1000, 2000, 3000])
 
 
-def test_samples_that_arrive_late_are_used():
+def test_transform_track_uses_late_samples():
     times = [1.0, 2.0, 3.0, 4.0]
     samples = [0.5, 0.9, 1.2, 1.95, 2.1, 2.9, 3.3, 3.6, 4.2]
     wanted = np.array(times) * 10
@@ -527,7 +529,7 @@ def test_samples_that_arrive_late_are_used():
         np.testing.assert_allclose(track.interpolate()[:, 0], wanted)
 
 
-def test_a_quaternion_and_its_negative_are_the_same_turn():
+def test_transform_track_accepts_negated_quaternion():
     track = poses.TransformTrack([1.0])
     for time, yaw, sign in ((0.9, 0.4, 1.0), (1.1, 0.6, -1.0)):
         turn = (sign * math.sin(yaw / 2), sign * math.cos(yaw / 2))
@@ -537,7 +539,7 @@ def test_a_quaternion_and_its_negative_are_the_same_turn():
     )
 
 
-def test_a_transform_and_its_inverse_cancel():
+def test_transform_times_inverse_is_identity():
     random = np.random.default_rng(2)
     pose = np.concatenate([random.normal(size=(9, 3)), random.normal(size=(9, 4))], axis=1)
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)

@@ -69,7 +69,7 @@ def reported(grid, poses, seed=1, **odometry):
     return simulate_odometry(np.random.default_rng(seed), poses, own)
 
 
-def test_drifts_of_odometry_are_found(grid, winding):
+def test_calibration_finds_odometry_drifts(grid, winding):
     odometry = reported(grid, winding, **DRIFTS, **BIASES)
     found = fit_odometry_noise(driven(winding, odometry), Amcl())
     for name, value in DRIFTS.items():
@@ -82,7 +82,7 @@ def test_drifts_of_odometry_are_found(grid, winding):
     assert found.notes == ()
 
 
-def test_biases_of_odometry_are_found(grid, winding, few_resamples):
+def test_calibration_finds_odometry_biases(grid, winding, few_resamples):
     odometry = winding.copy()
     steps = of_poses.compute_motions(winding[:-1], winding[1:])
     for n, (ahead, aside, turn) in enumerate(steps):
@@ -101,7 +101,7 @@ def test_biases_of_odometry_are_found(grid, winding, few_resamples):
     assert found.heading_bias_deg.value == pytest.approx(0.5, abs=0.05)
 
 
-def test_noise_of_the_poses_is_told_from_that_of_odometry(grid, winding, few_resamples):
+def test_calibration_separates_pose_and_odometry_noise(grid, winding, few_resamples):
     odometry = reported(grid, winding, **DRIFTS, **BIASES)
     found = fit_odometry_noise(driven(winding, odometry, (0.05, 0.02)), Amcl())
     assert 0.035 < found.position_noise.value < 0.055
@@ -110,7 +110,7 @@ def test_noise_of_the_poses_is_told_from_that_of_odometry(grid, winding, few_res
     assert "recorded poses are noisier than the odometry" in found.notes[0]
 
 
-def test_the_alphas_of_amcls_own_model_are_found(grid, winding, few_resamples):
+def test_calibration_finds_amcl_alphas(grid, winding, few_resamples):
     true = Amcl(alpha1=0.05, alpha2=0.02, alpha3=0.04, alpha4=0.03, update_min_d=0.01)
     settings = Simulator(grid, robot=Robot(filter=true)).arguments.filter
     random, poses = np.random.default_rng(2), [np.zeros(3)]
@@ -127,7 +127,7 @@ def test_the_alphas_of_amcls_own_model_are_found(grid, winding, few_resamples):
         assert getattr(found, name).value == pytest.approx(getattr(true, name), rel=0.3), name
 
 
-def test_short_and_straight_drives_say_what_they_cannot_tell(grid, line, few_resamples):
+def test_calibration_rejects_uninformative_drives(grid, line, few_resamples):
     odometry = reported(grid, line, **DRIFTS)
     assert fit_odometry_noise(driven(line[:20], odometry[:20]), Amcl()) is None
     straight = np.column_stack([np.arange(0, 60, 0.2), np.zeros(300), np.zeros(300)])
@@ -138,7 +138,7 @@ def test_short_and_straight_drives_say_what_they_cannot_tell(grid, line, few_res
     assert not {"turn_bias", "turn_drift_deg"} & {*noisy.settings()}
 
 
-def test_poses_that_jump_are_told(grid, winding, few_resamples):
+def test_calibration_reports_pose_jumps(grid, winding, few_resamples):
     odometry = reported(grid, winding, **DRIFTS, **BIASES)
     jumping = winding.copy()
     for n in range(100, len(jumping), 60):
@@ -148,7 +148,7 @@ def test_poses_that_jump_are_told(grid, winding, few_resamples):
 
 
 @pytest.mark.parametrize(("sigma", "outliers"), [(0.01, 0.0), (0.03, 0.1)])
-def test_noise_and_outliers_of_ranges_are_found(grid, line, sigma, outliers):
+def test_calibration_finds_range_noise_and_outliers(grid, line, sigma, outliers):
     lidar = dataclasses.replace(LIDAR, range_sigma=sigma, range=12.0)
     made = Disturbances(**EXACT | {"outliers": outliers})
     random = np.random.default_rng(3)
@@ -163,7 +163,7 @@ def test_noise_and_outliers_of_ranges_are_found(grid, line, sigma, outliers):
     assert found.set_apart == 0
 
 
-def test_objects_in_view_are_found(grid, line):
+def test_calibration_finds_objects_in_view(grid, line):
     made = Disturbances(**EXACT | {"occlusion": 0.6, "occlusion_deg": 40.0})
     found = fit_scan_noise(simulate_recording(grid, line, disturbances=made), grid)
     assert found.occlusion.value == pytest.approx(0.6, abs=0.15)
@@ -172,7 +172,7 @@ def test_objects_in_view_are_found(grid, line):
     assert found.outliers.value < 0.005
 
 
-def test_jumps_of_odometry_are_left_out(few_resamples):
+def test_calibration_ignores_odometry_jumps(few_resamples):
     """As where its driver is started again, or where a filter's pose jumps."""
     drive = Recording.load(FILE)
     plain = fit_odometry_noise(drive, Amcl())
@@ -188,7 +188,7 @@ def test_jumps_of_odometry_are_left_out(few_resamples):
 
 
 @pytest.mark.parametrize("jumping", ["odometry", "poses"])
-def test_a_jump_counts_beside_the_lesser_of_the_two_ways(few_resamples, jumping):
+def test_calibration_compares_jump_with_shorter_motion(few_resamples, jumping):
     """The way that jumps is long by its jump alone, which would excuse it."""
     drive = Recording.load(FILE)
     moved_on = getattr(drive, jumping).copy()
@@ -197,14 +197,14 @@ def test_a_jump_counts_beside_the_lesser_of_the_two_ways(few_resamples, jumping)
     assert found.notes[-1].endswith("were ignored: 1")
 
 
-def test_walls_that_differ_from_the_map_are_no_objects():
+def test_calibration_ignores_changed_walls():
     """The small drive has the usual disturbances, whose walls shadow others."""
     found = fit_scan_noise(Recording.load(FILE), load_map(MAP))
     assert found.occlusion.value == pytest.approx(Disturbances.occlusion, abs=0.06)
     assert found.occlusion_deg.value == pytest.approx(Disturbances.occlusion_deg, abs=3)
 
 
-def test_runs_of_short_beams_count_from_four_on(grid, line):
+def test_object_needs_four_short_beams(grid, line):
     plain = simulate_recording(grid, line[::4], disturbances=Disturbances(**EXACT))
     short = np.array([1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1, 1, 1, 1], bool)
     for first, count in ((short, 9), (short[:3], 0)):
@@ -214,7 +214,7 @@ def test_runs_of_short_beams_count_from_four_on(grid, line):
         assert found.occlusion_deg.value == pytest.approx(count * 270 / 90), count
 
 
-def test_scans_of_another_map_are_refused(grid, line):
+def test_calibration_rejects_scans_of_another_map(grid, line):
     ranges = np.random.default_rng(0).uniform(0.5, 8.0, (len(line), LIDAR.beams))
     with pytest.raises(RecordingError, match="scans fit the map and lie in its free space"):
         fit_scan_noise(Recording(ranges, LIDAR, line), grid)
@@ -222,7 +222,7 @@ def test_scans_of_another_map_are_refused(grid, line):
         fit_scan_noise(Recording(ranges[:9], LIDAR, line[:9]), grid)
 
 
-def test_blocks_are_drawn_as_a_whole():
+def test_bootstrap_draws_whole_blocks():
     poses = np.column_stack([np.arange(0, 80, 0.5), np.zeros(160), np.zeros(160)])
     blocks = of_intervals.assign_blocks(poses)
     assert np.bincount(blocks).tolist() == [20] * 8
@@ -251,7 +251,7 @@ def calibrated(grid, drive):
     return calibrate_drive(drive, grid, robot=Robot(filter=Amcl(max_particles=900)), threads=2)
 
 
-def test_the_disturbances_are_those_that_were_found(calibrated):
+def test_calibrated_robot_has_measured_disturbances(calibrated):
     assert calibrated.robot.disturbances.outliers == calibrated.scans.outliers.value
     assert calibrated.robot.disturbances.outliers == pytest.approx(0.08, abs=0.02)
     odometry = calibrated.odometry
@@ -264,7 +264,7 @@ def test_the_disturbances_are_those_that_were_found(calibrated):
     assert calibrated.robot.filter == Amcl(max_particles=900)
 
 
-def test_a_drive_without_odometry_calibrates_the_rest(grid, drive):
+def test_calibration_works_without_odometry(grid, drive):
     found = calibrate_drive(dataclasses.replace(drive, odometry=None), grid)
     assert found.odometry is None
     assert found.robot.odometry == Odometry()
@@ -279,14 +279,14 @@ def test_a_drive_without_odometry_calibrates_the_rest(grid, drive):
         ({"disturbances": [1]}, "disturbances must hold settings by name"),
     ],
 )
-def test_wrong_files_of_settings_are_one_clear_line(tmp_path, content, said):
+def test_robot_rejects_invalid_settings_file(tmp_path, content, said):
     file = tmp_path / "robot.json"
     file.write_text(json.dumps({"robot": content}))
     with pytest.raises(ConfigError, match=f"robot.json: {said}"):
         Robot.load(file)
 
 
-def test_older_files_of_settings_are_refused(tmp_path):
+def test_robot_rejects_older_settings_file(tmp_path):
     file = tmp_path / "older.json"
     file.write_text(json.dumps({"config": {}, "amcl": {"alpha1": 0.1}}))
     with pytest.raises(ConfigError, match=r"older\.json: has no entry \"robot\"; .* again"):

@@ -43,7 +43,7 @@ def found(office, drive):
     return evaluate_drive(drive.subsample(6), office)
 
 
-def test_posteriors_are_those_of_the_plain_loops():
+def test_scan_posteriors_equal_plain_loops():
     random = np.random.default_rng(3)
     levels = np.full((24, 30), FREE, np.uint8)
     levels[random.random(levels.shape) < 0.06] = OCCUPIED
@@ -73,7 +73,7 @@ def test_posteriors_are_those_of_the_plain_loops():
         np.testing.assert_allclose(summary[n], (entropy, ambiguity, score), atol=1e-6)
 
 
-def test_scans_fix_the_pose_where_they_were_taken(office, drive):
+def test_scan_matches_lie_at_true_poses(office, drive):
     matches = match_scans(drive.subsample(10), office)
     assert matches.is_matched.all()
     off = np.hypot(*matches.best[:, :2].T)
@@ -85,7 +85,7 @@ def test_scans_fix_the_pose_where_they_were_taken(office, drive):
 
 
 @pytest.mark.parametrize("yaw", [math.pi / 2, -0.7])
-def test_a_turned_world_turns_the_posterior(office, drive, yaw):
+def test_posterior_rotates_with_world(office, drive, yaw):
     few = drive.subsample(40)
     plain = match_scans(few, office)
     turned_grid = OccupancyGrid(
@@ -103,7 +103,7 @@ def _turned(origin, yaw):
     return math.cos(yaw) * x - math.sin(yaw) * y, math.sin(yaw) * x + math.cos(yaw) * y
 
 
-def test_a_corridor_is_uncertain_along_its_axis():
+def test_corridor_match_is_uncertain_along_axis():
     cells = np.full((60, 400), FREE, np.uint8)
     cells[:10] = cells[-10:] = OCCUPIED
     grid = OccupancyGrid(cells, 0.05)
@@ -116,7 +116,7 @@ def test_a_corridor_is_uncertain_along_its_axis():
     assert matches.score[0] > -0.1
 
 
-def test_fields_predict_what_the_scans_of_a_drive_say(found):
+def test_fields_predict_uncertainty_of_scans(found):
     assert found.is_compared.sum() > 50
     for name in ("fisher", "scan", "fused"):
         each = found.agreements[name]
@@ -129,7 +129,8 @@ def test_fields_predict_what_the_scans_of_a_drive_say(found):
     assert second.endswith(".")
 
 
-def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
+def test_evaluation_excludes_crowded_scans(office, drive):
+    """People around the robot are not on the map."""
     some = drive.subsample(8)
     ranges = some.ranges.copy()
     crowd = np.arange(len(ranges)) < 12
@@ -153,7 +154,7 @@ def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
     np.testing.assert_allclose(on_way[:, 0], along[crowd], atol=1e-6)
 
 
-def test_returns_that_scatter_about_walls_are_no_people(office, drive):
+def test_evaluation_keeps_scattered_returns(office, drive):
     """On coarse cells, at long range and in plants many miss the walls, but few by far."""
     some = drive.subsample(8)
     ranges = some.ranges.copy()
@@ -165,7 +166,7 @@ def test_returns_that_scatter_about_walls_are_no_people(office, drive):
     assert (found.matches.stray_share < 1 / 6).all()
 
 
-def test_intervals_are_over_stretches_of_the_drive(found):
+def test_intervals_resample_blocks_of_drive(found):
     """Each scan ten times tells no more than once, and a short drive has no interval."""
     matches = found.matches
     some = np.flatnonzero(found.is_compared)
@@ -199,7 +200,7 @@ def test_intervals_are_over_stretches_of_the_drive(found):
     assert short.verdict[0].startswith("The drive is too short to evaluate fields")
 
 
-def test_drives_that_cannot_be_compared_are_refused(office, drive):
+def test_evaluation_rejects_unusable_drives(office, drive):
     with pytest.raises(RecordingError, match="the drive has only 8 scans; at least 10 are"):
         evaluate_drive(drive.subsample(50), office)
     with pytest.raises(RecordingError, match="no scan on this map has enough returns"):
@@ -215,7 +216,8 @@ def test_drives_that_cannot_be_compared_are_refused(office, drive):
         ([0, 0, 0, 1, 2, 3, 4], 4),  # most stretches have but one
     ],
 )
-def test_no_stretch_is_left_out_of_the_worst(blocks, worst):
+def test_verdict_names_worst_block(blocks, worst):
+    """Blocks with a single scan count as well."""
     stds = 0.1 * np.exp([0, 1, 2, 5.5, 4, 5, 6.0])
     here = np.flatnonzero(np.array(blocks) == worst)
     said = f"are around {here.mean():.1f},0.0:"
@@ -225,7 +227,7 @@ def test_no_stretch_is_left_out_of_the_worst(blocks, worst):
 @pytest.mark.parametrize(
     ("directions", "axis"), [([179.0, 180.8, -0.3], 0), ([85.0, -89.0], 88), ([-45.0], 135)]
 )
-def test_an_axis_along_x_has_no_angle(directions, axis):
+def test_verdict_wraps_axis_at_180_degrees(directions, axis):
     count = len(directions)
     one = made_up(np.full(count, 0.5), np.radians(directions), [0] * count)
     assert f"along {axis}°" in one.verdict[1]
@@ -256,7 +258,7 @@ def made_up(stds, directions, blocks):
     return found
 
 
-def test_scans_far_from_each_other_are_dots(office, drive):
+def test_figure_shows_sparse_scans_as_dots(office, drive):
     apart = evaluate_drive(drive.subsample(24), office, estimators={"scan": Scan(drive.lidar)})
     axes = drive_figure(apart).axes[0]
     lines = [each for each in axes.collections if isinstance(each, LineCollection)][-1]
@@ -266,7 +268,7 @@ def test_scans_far_from_each_other_are_dots(office, drive):
     np.testing.assert_allclose(lines.get_array(), 100 * apart.matches.position_std)
 
 
-def test_evaluation_table_has_each_scan(tmp_path, found):
+def test_evaluation_table_lists_all_scans(tmp_path, found):
     assert set(found.agreements) == {"sad", "fisher", "scan", "fused"}
     found.table().write_csv(tmp_path / "scans.csv")
     with open(tmp_path / "scans.csv", newline="") as file:
@@ -282,7 +284,7 @@ def reference():
 
 
 @pytest.mark.skipif(not CARMEN.exists(), reason="the recorded logs are not here")
-def test_the_reference_of_real_lasers_is_reproduced():
+def test_evaluation_reproduces_laser_reference():
     """Spearman with the reference's deviations, without the tenth of the scans that fit worst."""
     from locplan.recordings import read_recording
 
@@ -304,7 +306,7 @@ def test_the_reference_of_real_lasers_is_reproduced():
     assert spearmanr(np.concatenate(ours), np.concatenate(theirs))[0] > 0.96
 
 
-def test_a_field_that_hardly_ranks_the_scans_is_not_recommended(found):
+def test_verdict_rejects_weak_field(found):
     weak = dataclasses.replace(found, predicted={"sad": found.predicted["sad"]})
     assert "says where" not in weak.verdict[0]
     mixed = found.predicted["scan"].copy()
@@ -315,7 +317,7 @@ def test_a_field_that_hardly_ranks_the_scans_is_not_recommended(found):
     assert "says where" not in little.verdict[0]
 
 
-def test_stretches_without_a_scan_to_compare_are_counted(found):
+def test_verdict_counts_blocks_without_scans(found):
     matches = dataclasses.replace(found.matches, covariance=100 * found.matches.covariance)
     vague = dataclasses.replace(found, matches=matches)
     every = len(np.unique(found.blocks))
@@ -327,7 +329,7 @@ def test_stretches_without_a_scan_to_compare_are_counted(found):
     assert f"; 2 of {every} blocks of 10 m have no compared scan" in some.verdict[1]
 
 
-def test_where_most_scans_do_not_fit_nothing_is_concluded(found):
+def test_verdict_suspects_mount_if_scans_misfit(found):
     score = found.matches.score.copy()
     score[::2] = -2.0
     bad = dataclasses.replace(found, matches=dataclasses.replace(found.matches, score=score))

@@ -58,7 +58,7 @@ def with_ways(drive, change):
     return dataclasses.replace(drive, odometry=np.array(odometry))
 
 
-def test_faults_are_none_if_drive_is_sound(office, drive):
+def test_sound_drive_has_no_faults(office, drive):
     faults = find_recording_faults(drive, office)
     assert faults.is_sound
     assert faults.disagreements == ()
@@ -165,7 +165,7 @@ def test_stretch_ignores_errors_of_poses(office, drive):
     assert faults.misfit.length < 1
 
 
-def test_faults_say_that_corridor_hides_motion():
+def test_faults_report_motion_hidden_by_corridor():
     grid = corridor(40.0, 2.0)
     line = straight(-6.0, 6.0, y=0.0)
     exact = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
@@ -195,7 +195,7 @@ def test_faulty_steps_are_not_in_drift(drive, monkeypatch):
     assert alphas[1] < 0.1 * alphas[0]
 
 
-def test_check_reports_faults_and_leaves_them_out(office, drive, monkeypatch):
+def test_check_reports_and_excludes_faults(office, drive, monkeypatch):
     """The faults are among the sentences on a drive, and its drifts are those without them.
 
     It takes two drives through all that check does with them, which takes seconds.
@@ -235,7 +235,7 @@ def carmen(path, speeds, *, stamps=None):
     return read_recording(path)
 
 
-def test_faults_compare_signs_of_velocity_and_pose(tmp_path):
+def test_faults_find_wrong_velocity_sign(tmp_path):
     speeds = [0.1] * 6 + [-0.1] * 6
     drive = carmen(tmp_path / "a.log", speeds)
     assert drive.speeds.tolist() == speeds
@@ -260,7 +260,8 @@ def test_faults_count_stamps_out_of_order(tmp_path):
     assert find_recording_faults(carmen(tmp_path / "b.log", [0] * 6)).stamps_back == 0
 
 
-def test_faults_need_no_odometry_poses_or_second_scan(office, drive):
+def test_faults_work_with_incomplete_recordings(office, drive):
+    """Odometry, poses or a second scan may be missing."""
     without = dataclasses.replace(drive, odometry=None)
     faults = find_recording_faults(without, office)
     assert (faults.n_steps, faults.sentences, faults.is_sound) == (0, (), True)

@@ -71,7 +71,7 @@ def ranks(logs: list[Log], column: str, predicted: list[np.ndarray]) -> tuple[fl
     return pooled, float(np.mean(within))
 
 
-def test_fused_ranks_the_measured_deviation_of_positions(logs, fused):
+def test_fused_ranks_measured_position_deviation(logs, fused):
     deviations = [scalar(each, "position_std") for each in fused]
     pooled, within = ranks(logs, "sd_major", deviations)
     assert pooled >= 0.89
@@ -81,7 +81,7 @@ def test_fused_ranks_the_measured_deviation_of_positions(logs, fused):
     assert 0.8 < ratio < 1.2  # in metres, too
 
 
-def test_fused_says_large_deviations_in_metres(logs, fused):
+def test_fused_predicts_large_deviations_in_metres(logs, fused):
     measured = np.concatenate([log.measured["sd_major"] for log in logs])
     ratios = np.concatenate([scalar(each, "position_std") for each in fused]) / measured
     large = np.abs(np.log(ratios[measured > lasers.LARGE]))
@@ -91,20 +91,20 @@ def test_fused_says_large_deviations_in_metres(logs, fused):
         assert 0.67 < np.exp(np.mean(np.log(in_class))) < 1.5
 
 
-def test_scan_alone_ranks_it_within_a_site(logs, scan):
+def test_scan_ranks_measured_position_deviation(logs, scan):
     pooled, within = ranks(logs, "sd_major", [scalar(each, "position_std") for each in scan])
     assert pooled >= 0.86
     assert within >= 0.85
 
 
-def test_scan_ranks_the_measured_deviation_of_headings(logs, scan):
+def test_scan_ranks_measured_heading_deviation(logs, scan):
     deviations = [scalar(each, "heading_std") for each in scan]
     pooled, within = ranks(logs, "sd_theta_deg", deviations)
     assert pooled >= 0.90
     assert within >= 0.84
 
 
-def test_the_ellipse_lies_as_it_was_measured(logs, fused):
+def test_fused_ellipse_has_measured_direction(logs, fused):
     apart = []
     for log, found in zip(logs, fused, strict=True):
         direction = position_axes(found[log.is_elongated])[2]

@@ -107,7 +107,7 @@ def different():
 
 
 @pytest.mark.parametrize("kind", sample_cases(["places", "office"]))
-def test_simulated_scans_are_located_within_5_cm_and_1_degree(kind):
+def test_locate_finds_simulated_scans(kind):
     grid = locplan.maps.environments.make(kind, resolution=0.05)
     random = np.random.default_rng(4)
     places = np.argwhere(grid.free & (grid.clearance > 0.4))
@@ -124,7 +124,7 @@ def test_simulated_scans_are_located_within_5_cm_and_1_degree(kind):
 
 
 @pytest.mark.parametrize("pose", POSES[:2])
-def test_two_equal_rooms_give_two_modes_of_half_the_weight(alike, pose):
+def test_twin_rooms_give_equal_modes(alike, pose):
     found = locate(alike, scan_at(alike, LIDAR, *pose), LIDAR)
     first, second = found.modes[:2]
     other = pose[0] + (6.2 if pose[0] < 3.2 else -6.2), *pose[1:]
@@ -137,7 +137,7 @@ def test_two_equal_rooms_give_two_modes_of_half_the_weight(alike, pose):
     assert sum(mode.weight for mode in found.modes) <= 1 + 1e-9
 
 
-def test_a_route_tells_equal_rooms_apart(alike):
+def test_near_path_distinguishes_twin_rooms(alike):
     pose = POSES[0]
     ranges = scan_at(alike, LIDAR, *pose)
     for aside in (0.0, 6.2):
@@ -149,7 +149,7 @@ def test_a_route_tells_equal_rooms_apart(alike):
             assert "no other place near the route" in found.sentence
 
 
-def test_no_mode_lies_further_from_the_route_than_was_asked(alike):
+def test_modes_lie_within_distance_of_path(alike):
     route = Path([[8.0, 4.0], [9.0, 4.0]])
     found = locate(alike, scan_at(alike, LIDAR, *POSES[0]), LIDAR, near=route, within=0.6)
     for mode in found.modes:
@@ -158,7 +158,7 @@ def test_no_mode_lies_further_from_the_route_than_was_asked(alike):
 
 
 @pytest.mark.parametrize("pose", POSES)
-def test_rooms_that_differ_are_told_apart(different, pose):
+def test_locate_distinguishes_different_rooms(different, pose):
     found = locate(different, scan_at(different, LIDAR, *pose), LIDAR)
     assert is_at(found.best, *pose)
     assert found.explained_share > 0.95
@@ -173,7 +173,7 @@ def test_rooms_that_differ_are_told_apart(different, pose):
         replace(LIDAR, field_of_view_deg=220.0, beams=700, min_range=0.2),
     ],
 )
-def test_the_mount_and_the_view_of_the_lidar_count(different, lidar):
+def test_locate_uses_lidar_mount_and_view(different, lidar):
     for pose in POSES[1:3]:
         found = locate(different, scan_at(different, lidar, *pose), lidar)
         alike = [mode for mode in found.modes if mode.excess < 0.5]
@@ -182,7 +182,7 @@ def test_the_mount_and_the_view_of_the_lidar_count(different, lidar):
     assert not any(is_at(mode, *POSES[1]) for mode in aside.modes)
 
 
-def test_modes_are_in_the_world_of_a_map_with_yaw(different):
+def test_modes_rotate_with_map_yaw(different):
     turn, at = 0.7, (4.0, -5.0)
     turned = OccupancyGrid(different.cells, different.resolution, (*at, turn))
     cos, sin = math.cos(turn), math.sin(turn)
@@ -197,7 +197,7 @@ def test_modes_are_in_the_world_of_a_map_with_yaw(different):
     np.testing.assert_allclose(found.best.covariance, expected, rtol=0.05, atol=1e-5)
 
 
-def test_the_covariance_is_that_of_a_match_at_the_mode(different):
+def test_mode_covariance_equals_match_covariance(different):
     ranges = scan_at(different, LIDAR, *POSES[0])
     found = locate(different, ranges, LIDAR)
     drive = Recording(ranges[None], LIDAR, [found.best.pose])
@@ -206,7 +206,7 @@ def test_the_covariance_is_that_of_a_match_at_the_mode(different):
     assert found.best.position_std == pytest.approx(matched.position_std[0], rel=1e-5)
 
 
-def test_a_database_serves_many_scans_and_only_its_map(different, alike):
+def test_database_serves_only_its_map(different, alike):
     database = ScanDatabase(different, LIDAR)
     ranges = scan_at(different, LIDAR, *POSES[0])
     with_it = locate(different, ranges, LIDAR, database=database)
@@ -216,7 +216,7 @@ def test_a_database_serves_many_scans_and_only_its_map(different, alike):
     assert repr(database) == "ScanDatabase(rooms, lidar, 10 m, 360°)"
 
 
-def test_weights_are_shares_of_exp_of_minus_the_excess(different):
+def test_mode_weights_follow_excess(different):
     found = locate(different, scan_at(different, LIDAR, *POSES[1]), LIDAR, count=50)
     weights = np.array([mode.weight for mode in found.modes])
     excess = np.array([mode.excess for mode in found.modes])
@@ -227,14 +227,14 @@ def test_weights_are_shares_of_exp_of_minus_the_excess(different):
     assert [few.best.weight, few.second_excess] == [weights[0], excess[1]]
 
 
-def test_a_scan_unlike_the_map_is_said_to_be_so(different):
+def test_locate_reports_poorly_fitting_scan(different):
     ranges = np.random.default_rng(0).uniform(0.5, 6.0, LIDAR.beams)
     found = locate(different, ranges, LIDAR)
     assert not found.fits
     assert "Only 33% of the returns" in found.sentence
 
 
-def test_many_places_that_look_alike_are_counted():
+def test_locate_counts_similar_places():
     cells = np.full((30, 400), FREE, np.uint8)
     cells[:3] = cells[-3:] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)
@@ -269,14 +269,14 @@ def test_many_places_that_look_alike_are_counted():
         ({"database": 3}, "database must be a ScanDatabase"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(alike, given, said):
+def test_locate_rejects_bad_arguments(alike, given, said):
     scan = given.pop("scan", scan_at(alike, LIDAR, *POSES[0]))
     with pytest.raises(LocplanError, match=said) as caught:
         locate(alike, scan, **{"lidar": LIDAR, **given})
     assert "\n" not in str(caught.value)
 
 
-def test_a_recording_of_one_scan_knows_its_lidar(alike):
+def test_locate_takes_lidar_from_recording(alike):
     ranges = np.array([scan_at(alike, LIDAR, *pose) for pose in POSES[:2]])
     drive = Recording(ranges, LIDAR, POSES[:2])
     found = locate(alike, drive[1:], near=[POSES[1][:2]])
@@ -287,7 +287,7 @@ def test_a_recording_of_one_scan_knows_its_lidar(alike):
         locate(alike, drive[:1], replace(LIDAR, range=5.0))
 
 
-def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
+def test_lattice_refinement_equals_plain_loops(different):
     database = make_range_database(different, MatchingSettings(lidar=LIDAR))
     ranges = scan_at(different, LIDAR, *POSES[0])
     compared = database.matching.select_ranges(ranges[None])[0]
@@ -321,7 +321,7 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
     assert max(gains) > 0
 
 
-def test_the_beams_that_count_are_few_and_all_round(different):
+def test_scan_database_limits_compared_beams(different):
     lidar = replace(LIDAR, beams=1000)
     on_robot = lidar.compute_ends_on_robot(np.full((1, 1000), 2.0, np.float32))
     ends = ScanDatabase(different, lidar).select_compared_ends(on_robot[0])
@@ -339,7 +339,7 @@ def located(office):
     return locate_drive(Recording.load(FILE).subsample(25), office, threads=1)
 
 
-def test_a_drive_is_located_scan_by_scan(located, office):
+def test_locate_drive_finds_recorded_poses(located, office):
     drive = located.recording
     assert len(located) == len(drive)
     assert located.is_right[located.is_certain].mean() > 0.9
@@ -349,12 +349,12 @@ def test_a_drive_is_located_scan_by_scan(located, office):
     assert located.summary()["right"] == located.is_right.mean()
 
 
-def test_threads_change_nothing(located, office):
+def test_thread_count_does_not_change_poses(located, office):
     again = locate_drive(located.recording.subsample(3), office, threads=2)
     np.testing.assert_array_equal(again.poses, located.poses[::3])
 
 
-def test_scans_without_enough_returns_are_left_out(located, office):
+def test_locate_drive_skips_scans_lacking_returns(located, office):
     ranges = located.recording.ranges[:3].copy()
     ranges[1, 5:] = np.inf
     found = locate_drive(replace(located.recording[:3], ranges=ranges), office)
@@ -364,12 +364,12 @@ def test_scans_without_enough_returns_are_left_out(located, office):
     assert "1 scans have too few returns" in found.report()
 
 
-def test_poses_of_another_frame_are_noticed(located, office):
+def test_locate_reports_poses_of_another_frame(located, office):
     found = replace(located, recording=located.recording.move(3.0, 1.0, 0.5))
     assert "do not agree with the map" in found.sentence
 
 
-def test_scans_that_end_at_no_walls_are_noticed(located):
+def test_locate_reports_returns_off_walls(located):
     strange = [replace(each, explained_share=0.3, second_excess=0.0) for each in located.locations]
     found = replace(located, locations=tuple(strange))
     assert f"Only 0 of {len(located)} scans have most of their returns at walls" in found.sentence
@@ -377,7 +377,7 @@ def test_scans_that_end_at_no_walls_are_noticed(located):
     assert "Only" not in located.sentence
 
 
-def test_the_table_has_the_place_and_the_recorded_pose_of_each_scan(located):
+def test_location_table_has_recorded_poses(located):
     times = located.recording.times + 5.0
     recording = replace(located.recording, times=times)
     unknown = replace(located, recording=recording, locations=(None, *located.locations[1:]))
@@ -395,7 +395,7 @@ def test_the_table_has_the_place_and_the_recorded_pose_of_each_scan(located):
     assert located.summary()["median_turn"] == np.median(located.turn[located.is_right])
 
 
-def test_the_modes_of_a_scan_have_their_covariance(located):
+def test_mode_table_has_covariance(located):
     location = located.locations[1]
     record = location.table().records()[0]
     covariance = location.best.covariance
@@ -419,7 +419,7 @@ def test_scans_without_poses_are_located(located, office):
     assert "recorded" not in locate_drive(unplaced[:1], office, threads=1).report()
 
 
-def test_one_scan_gives_a_table_of_places(located, office):
+def test_single_scan_report_lists_places(located, office):
     found = locate_drive(located.recording[2:3], office)
     text, about = found.report(), found.summary()
     assert "recorded" in text
@@ -431,7 +431,7 @@ def test_one_scan_gives_a_table_of_places(located, office):
     json.dumps(about, allow_nan=False)
 
 
-def test_the_figure_numbers_the_places(alike):
+def test_locate_figure_numbers_places(alike):
     found = locate(alike, scan_at(alike, LIDAR, *POSES[0]), LIDAR)
     figure = locate_figure(found, recorded=POSES[0])
     texts = {text.get_text() for text in figure.axes[0].texts}
@@ -441,7 +441,7 @@ def test_the_figure_numbers_the_places(alike):
     assert [patch.angle for patch in figure.axes[0].patches]
 
 
-def test_what_lies_around_the_robot_is_shown_beside_a_large_map(located):
+def test_large_map_figure_has_detail_view(located):
     figure = locate_figure(located.locations[0])
     assert len(figure.axes) == 2
     figure = located_drive_figure(located)
@@ -449,7 +449,7 @@ def test_what_lies_around_the_robot_is_shown_beside_a_large_map(located):
     assert any(label.startswith("right, certain: ") for label in labels)
 
 
-def test_the_command_locates_one_scan_and_all(run, tmp_path):
+def test_command_locates_single_scan_and_drive(run, tmp_path):
     ask = "locate", MAP, "--recording", FILE
     code, out, err = run(*ask, "--scan", 40, "--json", "-o", tmp_path / "one")
     about = json.loads(out)
@@ -470,7 +470,7 @@ def test_the_command_locates_one_scan_and_all(run, tmp_path):
     assert not (tmp_path / "all" / "modes.csv").exists()
 
 
-def test_the_command_takes_the_scan_at_a_time_near_a_path(run, tmp_path):
+def test_command_selects_scan_by_time(run, tmp_path):
     drive = Recording.load(FILE)
     timed = replace(drive, times=np.arange(len(drive)) * 0.5)
     timed.save(tmp_path / "timed.npz")

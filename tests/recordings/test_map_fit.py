@@ -42,7 +42,7 @@ def check_found(fit: MapFit, drive: Recording, wanted: Recording) -> None:
     assert np.abs(turned).max() < 0.005
 
 
-def test_a_drive_fits_its_own_map(small, grid):
+def test_drive_fits_its_map(small, grid):
     fit = fit_to_map(small, grid)
     assert fit.fits
     assert not fit.is_shifted
@@ -54,7 +54,7 @@ def test_a_drive_fits_its_own_map(small, grid):
 @pytest.mark.parametrize(
     "move", sample_cases([(-7.0, 40.0, 2.2), (1.3, -0.6, 0.0), (0.0, 0.0, math.pi / 2)])
 )
-def test_shifts_and_turns_are_found(small, grid, move):
+def test_map_fit_finds_shift_and_turn(small, grid, move):
     moved = small.move(*move)
     fit = fit_to_map(moved, grid)
     check_found(fit, moved, small)
@@ -63,7 +63,7 @@ def test_shifts_and_turns_are_found(small, grid, move):
     assert fit_to_map(moved, other).fits  # the remedy that the sentence names
 
 
-def test_the_maps_own_yaw_counts(small, grid, coarse_fit):
+def test_map_fit_uses_map_yaw(small, grid, coarse_fit):
     x, y, yaw = grid.origin
     cos, sin = math.cos(0.6), math.sin(0.6)
     turned = OccupancyGrid(
@@ -73,7 +73,8 @@ def test_the_maps_own_yaw_counts(small, grid, coarse_fit):
     check_found(fit_to_map(small, turned), small, small.move(0.0, 0.0, 0.6))
 
 
-def test_a_small_shift_is_told_although_many_beams_end_near_walls(small, grid):
+def test_map_fit_reports_small_shift(small, grid):
+    """Many beams still end near walls after a small shift."""
     moved = small.move(0.12, 0.0, 0.0)
     fit = fit_to_map(moved, grid)
     assert fit.share >= 0.6
@@ -89,7 +90,7 @@ def test_another_map_does_not_fit(small, coarse_fit):
     assert "The map does not fit" in fit.sentence
 
 
-def test_a_wrong_resolution_is_told(small, grid, coarse_fit):
+def test_map_fit_reports_wrong_resolution(small, grid, coarse_fit):
     fit = fit_to_map(replace(small, ranges=small.ranges * 0.9), grid)
     assert not fit.fits
     assert fit.ranges.factor.value == pytest.approx(0.9, abs=0.001)
@@ -97,7 +98,7 @@ def test_a_wrong_resolution_is_told(small, grid, coarse_fit):
 
 
 @pytest.mark.parametrize("turn", sample_cases((90, 180, -90), 0))
-def test_a_wrong_mount_is_told(small, grid, turn, coarse_fit):
+def test_map_fit_reports_wrong_mount(small, grid, turn, coarse_fit):
     centred = replace(small.lidar, mount_x=0.0)
     wrong = replace(small, lidar=replace(centred, mount_yaw_deg=-turn))
     fit = fit_to_map(wrong, grid)
@@ -106,13 +107,13 @@ def test_a_wrong_mount_is_told(small, grid, turn, coarse_fit):
 
 
 @pytest.mark.long
-def test_a_lidar_that_is_upside_down_is_told(small, grid, coarse_fit):
+def test_map_fit_reports_upside_down_lidar(small, grid, coarse_fit):
     mirrored = replace(small, ranges=small.ranges[:, ::-1])
     assert fit_to_map(mirrored, grid).mount == "upside down"
 
 
 @pytest.mark.long
-def test_progress_counts_the_turns_of_the_search(small, grid, coarse_fit):
+def test_map_fit_progress_counts_turns(small, grid, coarse_fit):
     seen: list[tuple[int, int]] = []
     fit_to_map(small.move(3.0, 0.0, 0.0), grid, progress=lambda *each: seen.append(each))
     total = seen[0][1]
@@ -120,7 +121,7 @@ def test_progress_counts_the_turns_of_the_search(small, grid, coarse_fit):
     assert seen == [(n + 1, total) for n in range(total)]
 
 
-def test_what_cannot_be_compared_is_refused(small):
+def test_map_fit_rejects_unusable_input(small):
     with pytest.raises(RecordingError, match="has no walls; use another map"):
         fit_to_map(small, OccupancyGrid(np.full((20, 20), FREE), 0.1))
     with pytest.raises(ConfigError, match="grid must be an OccupancyGrid"):
@@ -129,7 +130,7 @@ def test_what_cannot_be_compared_is_refused(small):
         fit_to_map("drive", ascii_map("#.#"))
 
 
-def test_one_beam_of_one_scan_is_enough():
+def test_map_fit_accepts_single_beam():
     lidar = Lidar(range=9.0, field_of_view_deg=180.0, beams=101)
     ranges = np.full((1, 101), np.inf)
     ranges[0, 1] = 3.0  # none of the evenly spaced beams
@@ -147,7 +148,7 @@ def test_check_place_accepts_recording_of_map(small, grid):
     check_recording_on_map(replace(small, odometry=None), grid)
 
 
-def test_check_place_rejects_recording_of_another_building(small):
+def test_check_place_rejects_other_building(small):
     other = load_map("two_corridors")
     message = (
         r"small_drive does not fit two_corridors: only \d+% of its ranges agree .*; use the map"
@@ -173,7 +174,7 @@ def test_check_place_ignores_scans_without_returns(small, grid):
 
 
 @pytest.mark.parametrize("name", sample_cases(DRIVES, 0))
-def test_check_place_tells_real_recordings_apart(name):
+def test_check_place_distinguishes_real_recordings(name):
     """Killian Court's map has kinks; wean2 is mostly one corridor, as parts of other maps are."""
     folder = SHARED_DATA / "drives"
     if not folder.is_dir():
@@ -190,7 +191,7 @@ def test_check_place_tells_real_recordings_apart(name):
 
 
 @pytest.mark.parametrize("name", sample_cases(NAMES, 0)[:3])
-def test_real_logs_fit_their_maps_and_no_others(name, request):
+def test_real_logs_fit_only_their_maps(name, request):
     if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
     log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")

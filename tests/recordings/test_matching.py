@@ -27,7 +27,7 @@ from locplan.recordings.matching import (
 from locplan.robots import Lidar
 
 
-def test_scans_of_a_part_of_the_view_have_unseen_beams():
+def test_partial_view_has_unseen_beams():
     matching = MatchingSettings(lidar=Lidar(range=8.0, field_of_view_deg=90.0, mount_yaw_deg=90.0))
     seen = np.degrees(matching.bearings[matching.is_in_view])
     assert (seen.min(), seen.max()) == pytest.approx((45.0, 135.0))
@@ -37,7 +37,7 @@ def test_scans_of_a_part_of_the_view_have_unseen_beams():
     assert not np.isnan(scan[matching.is_in_view]).any()
 
 
-def test_measured_scans_are_compared_beam_by_beam():
+def test_measured_ranges_keep_their_bearings():
     lidar = Lidar(range=8.0, min_range=0.5, beams=720, field_of_view_deg=180.0)
     measured = 1.0 + lidar.angles + math.pi / 2  # each beam knows its angle
     measured[:3], measured[-3:] = 0.1, 9.0
@@ -50,7 +50,7 @@ def test_measured_scans_are_compared_beam_by_beam():
     assert np.isinf(scan).sum() == 2
 
 
-def test_modes_without_a_home_are_those_of_a_scan():
+def test_scan_modes_include_both_rooms():
     database = make_range_database(two_rooms(), MatchingSettings(lidar=LIDAR))
     home = np.array([[15.5, 30.5, 1.1]])
     scans = database.simulate_scans(home)
@@ -61,13 +61,14 @@ def test_modes_without_a_home_are_those_of_a_scan():
     assert ScanOnMap(database, np.full(96, np.inf)).find_modes().poses.shape == (0, 3)
 
 
-def test_places_lie_one_in_each_square_where_the_robot_fits():
+def test_spaced_places_are_unique_per_square():
     fits = np.zeros((8, 9), bool)
     fits[1, 2] = fits[2, 2] = fits[6, 7] = True
     assert select_spaced_places(0.4, fits, 0.1).tolist() == [[2.5, 1.5], [7.5, 6.5]]
 
 
-def test_places_do_not_depend_on_the_strips_that_are_looked_through(monkeypatch):
+def test_spaced_places_equal_plain_loops(monkeypatch):
+    """The height of the bands must not change the places."""
     fits = np.random.default_rng(4).random((61, 47)) < 0.3
     monkeypatch.setattr("locplan.recordings.matching.BAND", 10**6)
     whole = select_spaced_places(0.5, fits, 0.1)
@@ -83,7 +84,8 @@ def test_places_do_not_depend_on_the_strips_that_are_looked_through(monkeypatch)
 
 @pytest.mark.parametrize("band", sample_cases([1000, 1, 10**6]))
 @pytest.mark.parametrize("settings", [{}, {"sigma_hit": 0.02}, {"z_rand": 0.6, "sigma_hit": 0.3}])
-def test_losses_in_strips_are_those_of_the_whole_map(monkeypatch, band, settings):
+def test_loss_tables_equal_plain_loops(monkeypatch, band, settings):
+    """The height of the bands must not change the losses."""
     monkeypatch.setattr("locplan.recordings.matching.BAND", band)
     cells = np.where(np.random.default_rng(5).random((70, 40)) < 0.004, OCCUPIED, FREE)
     grid = OccupancyGrid(cells.astype(np.uint8), 0.05)
@@ -95,7 +97,7 @@ def test_losses_in_strips_are_those_of_the_whole_map(monkeypatch, band, settings
     np.testing.assert_array_equal(made.corners.reshape(expected.shape), expected)
 
 
-def test_specks_of_free_space_are_not_reachable():
+def test_isolated_free_space_is_unreachable():
     cells = np.full((60, 60), UNKNOWN, np.uint8)
     cells[2:40, 2:40] = FREE
     cells[50:58, 50:58] = FREE
@@ -106,13 +108,13 @@ def test_specks_of_free_space_are_not_reachable():
     assert fits[20, 20]
 
 
-def test_matching_refuses_what_makes_no_sense():
+def test_matching_settings_reject_invalid_values():
     for wrong in ({"z_rand": 1.0}, {"z_rand": 0.0}, {"shortlisted": 0}):
         with pytest.raises(LocplanError, match=next(iter(wrong))):
             MatchingSettings(lidar=LIDAR, **wrong)
 
 
-def test_coarse_maps_are_matched_with_a_cells_deviation():
+def test_cell_size_limits_matching_sigmas():
     assert MatchingSettings(lidar=LIDAR).sigmas(0.05).tolist() == [0.4, 0.2, 0.1]
     assert MatchingSettings(lidar=LIDAR).sigmas(0.2).tolist() == [0.4, 0.2]
     assert MatchingSettings(lidar=LIDAR).sigmas(0.5).tolist() == [0.5]
@@ -134,7 +136,7 @@ def laid_out(codes):
 
 
 @pytest.mark.parametrize(("places", "beams", "keep"), [(70, 96, 40), (3, 5, 400), (64, 33, 7)])
-def test_the_shortlist_is_that_of_plain_loops(places, beams, keep):
+def test_shortlist_equals_plain_loops(places, beams, keep):
     random = np.random.default_rng(places)
     codes = random.integers(0, 256, (places, TURNS)).astype(np.uint8)
     codes[0] = codes[1]  # equal ones
@@ -151,7 +153,7 @@ def test_the_shortlist_is_that_of_plain_loops(places, beams, keep):
     assert where[sure].tolist() == [at for score, at in expected if score < last]
 
 
-def test_ranges_are_those_of_plain_loops():
+def test_cast_ranges_equal_plain_loops():
     random = np.random.default_rng(2)
     stops = random.random((14, 17)) < 0.15
     lidar = Beams(np.linspace(-2, 2, 7), 0.3, -0.2, 0.4, 0.03, 0.2, 1.6)
@@ -194,7 +196,7 @@ class Table:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_losses_are_those_of_plain_loops(seed):
+def test_pose_losses_equal_plain_loops(seed):
     table = Table(seed)
     for x, y, heading in np.random.default_rng(seed).uniform(-3, 20, (20, 3)):
         expected = oracles.matching.loss_at(table.values, table.margin, table.ends, x, y, heading)
@@ -202,7 +204,7 @@ def test_losses_are_those_of_plain_loops(seed):
         assert table.loss(x, y, heading) == pytest.approx(expected, abs=11 * 140 * 2 / 256)
 
 
-def test_the_robot_fits_where_the_mask_says():
+def test_robot_stands_only_in_mask():
     table = Table(1)
     rows, cols = table.free.shape
     for x, y in np.random.default_rng(1).uniform(-2, 28, (200, 2)):
@@ -212,7 +214,7 @@ def test_the_robot_fits_where_the_mask_says():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_refinement_is_that_of_plain_loops(seed):
+def test_refinement_equals_plain_loops(seed):
     table = Table(seed)
     pose = np.array([8.2, 9.4, 0.3 * seed])
     steps, start = table.tables.steps[0], pose.copy()
@@ -226,7 +228,7 @@ def test_refinement_is_that_of_plain_loops(seed):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_polishing_is_that_of_plain_loops(seed):
+def test_polishing_equals_plain_loops(seed):
     table = Table(seed)
     pose = np.array([9.2, 8.4, 0.3 * seed])
     steps, start = table.tables.steps[0], pose.copy()
@@ -239,7 +241,7 @@ def test_polishing_is_that_of_plain_loops(seed):
     assert best < table.loss(*start)
 
 
-def test_alike_poses_are_dropped():
+def test_distinct_poses_equal_plain_loops():
     random = np.random.default_rng(4)
     poses = np.column_stack([random.uniform(0, 6, (60, 2)), random.uniform(-9, 9, 60)])
     order = random.permutation(60)
@@ -260,7 +262,7 @@ def almost_equal_rooms(seed):
 
 
 @pytest.mark.parametrize("seed", sample_cases([3, 8, 5, 11], 1))
-def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
+def test_branch_and_bound_confirms_best_mode(seed):
     """Branch and bound over all poses 0.1 m and 3 deg apart finds none with a lower loss."""
     grid = almost_equal_rooms(seed)
     database = make_range_database(grid, MatchingSettings(lidar=Lidar(range=5.0), robot_radius=0.2))

@@ -53,7 +53,7 @@ def off(drive, far):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_scans_are_counted_like_by_plain_loops(seed):
+def test_scan_counts_equal_plain_loops(seed):
     random = np.random.default_rng(seed)
     origins, ends = random.uniform(2, 18, (6, 2)), random.uniform(-4, 26, (6, 9, 2))
     ends[1, 2:5] = np.nan
@@ -64,7 +64,7 @@ def test_scans_are_counted_like_by_plain_loops(seed):
             assert np.array_equal(counts, oracles.lines.count_scans(stops, origins, ends, margin))
 
 
-def test_missing_walls_lie_at_true_ones(office, drive):
+def test_missing_walls_lie_at_true_walls(office, drive):
     half = without(office)
     misfits = find_misfits(half, [drive])
     assert misfits.share_at_walls < 0.7
@@ -74,14 +74,15 @@ def test_missing_walls_lie_at_true_ones(office, drive):
     assert office.cells_near_walls(2 * office.resolution)[misfits.missing].mean() > 0.98
 
 
-def test_false_walls_are_those_that_scans_see_through(office, drive):
+def test_scans_see_through_false_walls(office, drive):
     misfits = find_misfits(with_ghosts(office), [drive])
     assert misfits.false_share > 0.02
     assert misfits.false.sum() > 500
     assert (office.cells[misfits.false] == FREE).mean() > 0.95
 
 
-def test_false_walls_that_are_left_are_out_of_view(office, drive):
+def test_misfits_find_visible_false_walls(office, drive):
+    """Only false walls out of view may remain."""
     ghosts = with_ghosts(office, shift=40)  # far from the true walls, behind which none is seen
     false = (ghosts.cells == OCCUPIED) & (office.cells == FREE)
     misfits = find_misfits(ghosts, [drive])
@@ -128,36 +129,38 @@ def standing(*posts):
     return grid, tuple(np.transpose(where)), Recording(ranges, lidar, np.tile(pose, (12, 1)))
 
 
-def test_a_wall_is_false_if_over_three_times_as_many_scans_pass_as_end():
+def test_false_wall_needs_mostly_passing_scans():
+    """Over three times as many scans must pass the wall as end at it."""
     posts = [(True, 2, 7, 3), (True, 2, 6, 9), (True, 3, 9, 15), (True, 0, 3, 21), (True, 0, 2, 27)]
     grid, where, drive = standing(*posts)
     assert find_misfits(grid, [drive]).false[where].tolist() == [True, False, False, True, False]
 
 
-def test_a_wall_is_missing_where_three_scans_end_and_few_pass():
+def test_missing_wall_needs_three_ending_scans():
     posts = [(False, 3, 9, 3), (False, 2, 0, 9), (False, 2, 7, 15), (False, 3, 0, 21)]
     grid, where, drive = standing(*posts)
     assert find_misfits(grid, [drive]).missing[where].tolist() == [True, False, False, True]
 
 
-def test_what_is_seen_once_goes_with_what_touches_it_by_a_corner():
+def test_false_wall_includes_diagonal_neighbour():
     grid, where, drive = standing((True, 0, 3, 45), (True, 0, 1, 46))
     assert np.abs(np.diff(where)).ravel().tolist() == [1, 1]
     assert find_misfits(grid, [drive]).false[where].all()
 
 
-def test_no_beam_sees_through_a_wall_that_is_missing():
+def test_missing_walls_block_beams():
     grid, where, drive = standing((False, 3, 9, 15), (True, 0, 12, 15, 2.4))
     assert not find_misfits(grid, [drive]).false[where].any()
 
 
-def test_no_wall_is_drawn_beside_one_unless_five_scans_pass_that():
+def test_missing_wall_excludes_wall_neighbours():
+    """A neighbour counts only if five scans pass the drawn wall."""
     posts = [(True, 0, 5, 3), (False, 3, 0, 4), (True, 0, 4, 15), (False, 3, 0, 16)]
     grid, where, drive = standing(*posts)
     assert find_misfits(grid, [drive]).missing[where].tolist() == [False, True, False, False]
 
 
-def test_false_and_missing_walls_are_faults_with_their_places(office, drive):
+def test_misfits_locate_wall_faults(office, drive):
     cells = office.cells.copy()
     cells[140:148, 300:700] = OCCUPIED  # in the corridor
     grid = replace(office, cells=cells, origin=(3.0, -2.0, 0.0))
@@ -174,7 +177,7 @@ def test_false_and_missing_walls_are_faults_with_their_places(office, drive):
 
 
 @pytest.mark.parametrize("far", [0.1, 0.2])
-def test_poses_that_are_off_are_refused(office, drive, far):
+def test_misfits_reject_inaccurate_poses(office, drive, far):
     for grid in (office, without(office)):
         with pytest.raises(RecordingError, match="too far to find wrong walls"):
             find_misfits(grid, [off(drive, far)])
@@ -187,7 +190,7 @@ def test_poses_that_are_off_are_refused(office, drive, far):
         find_misfits(office, [drive, off(drive, far)])
 
 
-def test_a_drive_of_another_map_is_refused(drive):
+def test_misfits_reject_drive_of_another_map(drive):
     with pytest.raises(RecordingError, match="no scan fits two_corridors"):
         find_misfits(environments.make("two_corridors"), [drive])
 
@@ -203,7 +206,7 @@ def scaled(grid, drive, ratio):
 
 
 @pytest.mark.parametrize("ratio", [0.96, 1.0, 1.02])
-def test_a_wrong_resolution_is_found_by_the_ranges(office, drive, ratio):
+def test_range_fit_finds_wrong_resolution(office, drive, ratio):
     grid, own = scaled(office, drive, ratio)
     found = fit_ranges(grid, [own])
     assert found.factor.value == pytest.approx(1 / ratio, abs=0.002)
@@ -213,7 +216,7 @@ def test_a_wrong_resolution_is_found_by_the_ranges(office, drive, ratio):
 
 
 @pytest.mark.parametrize("cells", sample_cases([1, 2, 3], 2))
-def test_walls_that_are_inflated_are_deep(office, drive, cells):
+def test_range_fit_finds_inflated_walls(office, drive, cells):
     around = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((2 * cells + 1,) * 2))
     grid = replace(office, cells=np.where(around > 0, np.uint8(OCCUPIED), office.cells))
     found = fit_ranges(grid, [drive])
@@ -222,19 +225,19 @@ def test_walls_that_are_inflated_are_deep(office, drive, cells):
     assert [each.kind for each in found.faults(grid)] == ["deep walls"] * (cells > 1)
 
 
-def test_a_drive_that_is_too_short_tells_no_fault_of_the_ranges(office, drive):
+def test_short_drive_has_no_range_faults(office, drive):
     grid, own = scaled(office, drive, 0.9)
     assert not [*fit_ranges(grid, [own[:40]]).faults(grid)]
     assert np.isnan(fit_ranges(without(office, share=1.0), [drive]).factor.value)
 
 
-def test_poses_may_be_off_by_a_little(office, drive):
+def test_misfits_tolerate_small_pose_errors(office, drive):
     assert [*find_misfits(without(office), [off(drive, 0.03)]).faults(office)]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["fhw", "intel"])
-def test_misfits_of_real_logs_are_those_made_in_their_maps(name):
+def test_misfits_find_faults_in_real_maps(name):
     if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
     log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz", every=3)

@@ -48,7 +48,7 @@ def same(one: Recording, other: Recording, tolerance: float = 0.0) -> None:
             np.testing.assert_allclose(ours, theirs, rtol=0, atol=tolerance, err_msg=name)
 
 
-def test_arrays_are_checked_copied_and_read_only():
+def test_recording_copies_and_freezes_arrays():
     poses = np.zeros((2, 3))
     made_of = Recording([[1.0] * 5, [2.0] * 5], LIDAR, poses)
     poses[0] = 7.0
@@ -58,7 +58,7 @@ def test_arrays_are_checked_copied_and_read_only():
     assert made_of.ranges.dtype == np.float32
 
 
-def test_what_is_no_return_becomes_infinite():
+def test_recording_stores_missing_returns_as_infinity():
     readings = [np.nan, np.inf, -1.0, 0.1, 8.0]
     both = Recording([readings, [0.2, 1.0, 2.0, 3.0, 7.999]], LIDAR, np.zeros((2, 3)))
     assert np.isinf(both.ranges[0]).all()
@@ -85,12 +85,12 @@ def test_headings_are_wrapped():
         ({"lidar": "sick"}, "lidar must be a Lidar"),
     ],
 )
-def test_what_does_not_belong_together_is_refused(changes, words):
+def test_recording_rejects_inconsistent_arrays(changes, words):
     with pytest.raises(LocplanError, match=words):
         replace(drive(), **changes)
 
 
-def test_scans_are_chosen():
+def test_recording_selects_scans():
     whole = drive()
     same(whole[1:4], whole[[1, 2, 3]])
     same(whole.subsample(2), whole[np.arange(6) % 2 == 0])
@@ -111,7 +111,7 @@ def test_scans_are_chosen():
         drive(times=False).window(0, 1)
 
 
-def test_a_moved_drive_sees_the_same_from_elsewhere():
+def test_moved_recording_transforms_beam_ends():
     whole = drive()
     moved = whole.move(1.0, -2.0, 0.7)
     cos, sin = math.cos(0.7), math.sin(0.7)
@@ -126,7 +126,7 @@ def _back(move):
     return -cos * x - sin * y, sin * x - cos * y, -turn
 
 
-def test_ends_of_beams_are_where_the_lidar_looks():
+def test_beam_ends_use_lidar_mount():
     lidar = Lidar(
         range=9.0, field_of_view_deg=90.0, beams=3, mount_x=0.5, mount_y=0.1, mount_yaw_deg=90.0
     )
@@ -138,7 +138,7 @@ def test_ends_of_beams_are_where_the_lidar_looks():
 
 
 @pytest.mark.parametrize(("times", "odometry"), [(True, True), (False, False), (False, True)])
-def test_files_give_back_what_was_saved(tmp_path, times, odometry):
+def test_loaded_recording_equals_saved_recording(tmp_path, times, odometry):
     whole, path = drive(times=times, odometry=odometry), tmp_path / "a.npz"
     whole.save(path)
     same(Recording.load(path), whole)
@@ -150,7 +150,8 @@ def test_files_give_back_what_was_saved(tmp_path, times, odometry):
     np.testing.assert_array_equal(np.isinf(near.ranges), ~(whole.ranges < 3.0))
 
 
-def test_npz_loses_nothing_where_ranges_are_no_whole_millimetres(tmp_path):
+def test_npz_keeps_exact_ranges(tmp_path):
+    """Only ranges of whole millimetres are stored as integers."""
     odd = drive(ranges=np.random.default_rng(1).uniform(0.3, 7.9, (6, 5)))
     odd.save(tmp_path / "odd.npz")
     same(Recording.load(tmp_path / "odd.npz"), odd)
@@ -159,7 +160,7 @@ def test_npz_loses_nothing_where_ranges_are_no_whole_millimetres(tmp_path):
     assert np.load(tmp_path / "whole.npz")["ranges"].dtype == np.uint16
 
 
-def test_arrays_of_other_programs_are_read(tmp_path):
+def test_recording_reads_npz_of_other_programs(tmp_path):
     path = tmp_path / "a.npz"
     lidar = json.dumps({"range": 5.0, "beams": 2})
     np.savez(path, ranges=[[1.0, 2.0]], poses=[[0, 0, 0]], lidar=lidar)
@@ -196,7 +197,7 @@ def test_arrays_of_other_programs_are_read(tmp_path):
         ({"map_frame": ""}, "map_frame must be a name"),
     ],
 )
-def test_options_are_checked(tmp_path, options, words):
+def test_read_recording_rejects_wrong_options(tmp_path, options, words):
     path = tmp_path / "a.npz"
     drive().save(path)
     with pytest.raises(ConfigError, match=words):
@@ -215,7 +216,7 @@ def test_unknown_files_are_refused(tmp_path):
         drive().save(tmp_path / "a.bag")
 
 
-def test_a_drive_has_a_report_and_a_summary():
+def test_recording_has_report_and_summary():
     about = json.loads(json.dumps(drive().summary(), allow_nan=False))
     assert (about["scans"], about["beams"], about["seconds"]) == (6, 5, 2.5)
     assert (about["length"], about["spacing"]) == (2.5, 0.5)
@@ -225,7 +226,7 @@ def test_a_drive_has_a_report_and_a_summary():
     assert "no times" in drive(times=False, odometry=False).report()
 
 
-def test_carmen_is_read_in_the_order_of_its_lines(tmp_path):
+def test_carmen_log_keeps_line_order(tmp_path):
     path = tmp_path / "a.log"
     path.write_text(
         "# made up\nPARAM robot_length 1 0 host 0\n"
@@ -243,7 +244,8 @@ def test_carmen_is_read_in_the_order_of_its_lines(tmp_path):
     same(read_recording(path, every=2), read.subsample(2))
 
 
-def test_odometry_that_begins_anew_at_corrected_poses_is_put_together(tmp_path):
+def test_carmen_odometry_joins_restarted_segments(tmp_path):
+    """In some logs, odometry restarts at each corrected pose."""
     lines, at = "", np.zeros(2)
     for n in range(4):  # a metre ahead from each corrected pose
         lines += format_odom((*at, 0.0)) + format_flaser((at[0] + 0.3, at[1] + 0.1 * n, 0.0))
@@ -259,7 +261,7 @@ def test_odometry_that_begins_anew_at_corrected_poses_is_put_together(tmp_path):
     )
 
 
-def test_odometry_stands_still_between_scans_without_a_line_of_it(tmp_path):
+def test_carmen_odometry_rests_without_lines(tmp_path):
     lines, at = "", np.zeros(2)
     for n in range(5):
         scan = format_flaser((at[0] + 0.3, at[1] + 0.1 * n, 0.0))
@@ -273,7 +275,7 @@ def test_odometry_stands_still_between_scans_without_a_line_of_it(tmp_path):
     np.testing.assert_allclose(read.odometry[:, :2], [[n, 0.0] for n in ahead], atol=1e-12)
 
 
-def test_poses_of_carmen_are_the_robots_or_the_corrected_ones(tmp_path):
+def test_carmen_reader_recognizes_corrected_poses(tmp_path):
     path = tmp_path / "a.log"
     lidar = ((0.2, 0.0, 0.0), (1.0, 0.2, math.pi / 2))
     robot = ((0.0, 0.0, 0.0), (1.0, 0.0, math.pi / 2))
@@ -290,7 +292,7 @@ def test_poses_of_carmen_are_the_robots_or_the_corrected_ones(tmp_path):
     assert read.lidar.mount_x == 0.0
 
 
-def test_robotlaser_tells_its_angles_and_range(tmp_path):
+def test_robotlaser_line_has_angles_and_range(tmp_path):
     line = (
         "ROBOTLASER1 0 -0.5 1.0 0.25 8.0 0.01 0 5 1 2 3 4 8.1 1 7 0.1 0 0 0 0 0 0 0 1 1 1 {} h 2\n"
     )
@@ -315,13 +317,13 @@ def test_robotlaser_tells_its_angles_and_range(tmp_path):
         (format_flaser((0, 0, 0), ranges=(0.0, 0.0)), "no beam of 1 scans"),
     ],
 )
-def test_damaged_logs_are_refused_in_one_line(tmp_path, text, words):
+def test_carmen_reader_rejects_damaged_logs(tmp_path, text, words):
     (tmp_path / "a.log").write_text(text)
     with pytest.raises(RecordingError, match=f"a.log: {words}"):
         read_recording(tmp_path / "a.log")
 
 
-def test_a_log_that_was_stopped_is_read_without_its_last_line(tmp_path):
+def test_carmen_reader_skips_truncated_line(tmp_path):
     (tmp_path / "a.log").write_text(format_flaser((0, 0, 0)) + format_flaser((1, 0, 0))[:20])
     read = read_recording(tmp_path / "a.log")
     assert len(read) == 1
@@ -349,7 +351,7 @@ def test_real_logs_are_read(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_poses_and_returns_of_real_logs_are_those_of_their_reference(name):
+def test_real_logs_equal_reference(name):
     if not (SHARED_DATA / "carmen").is_dir():
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
     limits = (0.05, 30.0 if name in ("intel", "orebro") else 40.0)
@@ -367,7 +369,7 @@ def test_poses_and_returns_of_real_logs_are_those_of_their_reference(name):
     np.testing.assert_allclose(means, reference["mean_range"], atol=1e-4)
 
 
-def test_the_small_drive_suits_the_replay_of_a_filter():
+def test_small_drive_suits_filter_replay():
     assert FILE.stat().st_size < 250_000
     small = Recording.load(FILE)
     steps = np.hypot(*np.diff(small.poses[:, :2], axis=0).T)
@@ -378,7 +380,7 @@ def test_the_small_drive_suits_the_replay_of_a_filter():
 
 
 @pytest.mark.long
-def test_the_small_drive_is_what_the_simulator_makes():
+def test_small_drive_equals_simulated_drive():
     small, again = Recording.load(FILE), simulate_drive()
     np.testing.assert_allclose(small.poses, again.poses, atol=2e-5)
     np.testing.assert_allclose(small.odometry, again.odometry, atol=2e-5)
@@ -386,7 +388,7 @@ def test_the_small_drive_is_what_the_simulator_makes():
     assert other.mean() < 0.001  # rounding may let a beam pass a corner
 
 
-def test_built_in_recording_equals_simulated_one():
+def test_built_in_recording_equals_simulated_recording():
     assert built_in_recording.FILE.stat().st_size < 250_000
     built_in = read_recording(built_in_recording.NAME)
     simulated = built_in_recording.simulate_recording()
@@ -405,14 +407,14 @@ def test_file_goes_before_built_in_recording(tmp_path, monkeypatch):
         read_recording("two_corridors")
 
 
-def test_missing_recording_names_built_in_ones():
+def test_missing_recording_lists_built_in_recordings():
     with pytest.raises(
         RecordingError, match=r"office: there is no .*built-in recording: two_corridors"
     ):
         read_recording("office")
 
 
-def test_the_robot_of_a_drive_has_its_lidar_and_moves_as_it_did():
+def test_recording_robot_has_lidar_and_kinematics():
     lidar = Lidar(range=10.0, field_of_view_deg=180.0, beams=3)
     ahead = np.column_stack([np.arange(6) * 0.3, np.zeros(6), np.zeros(6)])
     ahead[:, 0] = 0.0, 0.3, 0.3, 0.3, 0.3, 0.6  # it stands most of the time

@@ -57,7 +57,7 @@ def replayed(grid, drive):
 
 
 @pytest.mark.parametrize("interval", [1, 2])
-def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
+def test_replayed_estimates_equal_simulated_estimates(interval):
     cells = random_rooms((24, 28), 3, blocks=9)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     cells[8:16, 8:20] = FREE
@@ -98,7 +98,7 @@ def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
 
 
 @pytest.mark.parametrize("model", ["likelihood_field", "likelihood_field_prob"])
-def test_the_filter_gets_the_beams_of_the_scans_that_it_gets_in_simulation(grid, line, model):
+def test_replay_and_simulation_compare_same_beams(grid, line, model):
     quiet = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
     lidar = dataclasses.replace(LIDAR, range_sigma=1e-6)
     amcl = Amcl(laser_model_type=model, max_beams=30, laser_max_range=6.0, laser_min_range=2.5)
@@ -130,7 +130,7 @@ def naive_ends(here, line):
     return found
 
 
-def test_replays_err_as_simulated_drives_do(grid, line):
+def test_replay_error_matches_simulated_error(grid, line):
     path, simulator = Path(line[:, :2], line[:, 2]), Simulator(grid, Robot(LIDAR, filter=SHARP))
     simulated = drive_open(simulator, {"line": path}, range(30))["line"]
     rms = []
@@ -143,7 +143,8 @@ def test_replays_err_as_simulated_drives_do(grid, line):
     assert 0.75 < ratio < 1.33
 
 
-def test_equal_seeds_give_equal_replays_on_any_number_of_threads(grid, drive, replayed):
+def test_equal_seeds_give_equal_replays(grid, drive, replayed):
+    """The number of threads must not matter."""
     again = replay(drive, grid, robot=Robot(filter=SHARP), runs=6, threads=1)
     assert (again.errors == replayed.errors).all()
     other = replay(drive, grid, robot=Robot(filter=SHARP), runs=2, seed=2)
@@ -151,7 +152,7 @@ def test_equal_seeds_give_equal_replays_on_any_number_of_threads(grid, drive, re
     assert (replayed.errors[0] != replayed.errors[1]).any()
 
 
-def test_a_turned_map_gives_the_same_errors_in_the_world(grid, drive, replayed):
+def test_replay_errors_rotate_with_map(grid, drive, replayed):
     turn, shift = 0.5, (3.0, -2.0)
     (x, y, _), cos, sin = grid.origin, math.cos(turn), math.sin(turn)
     origin = cos * x - sin * y + shift[0], sin * x + cos * y + shift[1], turn
@@ -164,7 +165,7 @@ def test_a_turned_map_gives_the_same_errors_in_the_world(grid, drive, replayed):
     )
 
 
-def test_odometry_may_be_in_any_frame(grid, drive, replayed):
+def test_replay_ignores_frame_of_odometry(grid, drive, replayed):
     # The filter updates by the distance along x or y of odometry: a quarter turn keeps both.
     turned = dataclasses.replace(drive, poses=drive.odometry).move(5.0, 1.0, math.pi / 2)
     found = replay(
@@ -173,7 +174,7 @@ def test_odometry_may_be_in_any_frame(grid, drive, replayed):
     assert found.errors == pytest.approx(replayed.errors, abs=1e-6)
 
 
-def test_consistency_is_that_of_the_squares(replayed):
+def test_consistency_follows_normalized_squared_errors(replayed):
     at = replayed.is_updated
     errors, covariances = replayed.errors[:, at, :2], replayed.covariances[:, at, :2, :2]
     squares = np.einsum("rni,rnij,rnj->rn", errors, np.linalg.inv(covariances), errors)
@@ -188,12 +189,12 @@ def test_consistency_is_that_of_the_squares(replayed):
 @pytest.mark.parametrize(
     ("factor", "said"), [(0.02, "overconfident"), (1.0, ""), (400.0, "overestimates its error")]
 )
-def test_wrong_covariances_are_told(replayed, factor, said):
+def test_consistency_reports_wrong_covariances(replayed, factor, said):
     changed = dataclasses.replace(replayed, covariances=factor * replayed.covariances)
     assert said in changed.consistency.sentence
 
 
-def test_a_verdict_begins_with_lost_runs(replayed):
+def test_verdict_begins_with_lost_runs(replayed):
     assert replayed.verdict == replayed.consistency.sentence
     lost = dataclasses.replace(
         replayed, errors=replayed.errors + np.array([3 * LOST_DISTANCE, 0.0, 0.0])
@@ -205,7 +206,7 @@ def test_a_verdict_begins_with_lost_runs(replayed):
     assert untuned.verdict.endswith("Run locplan tune --recording to find better settings.")
 
 
-def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
+def test_consistency_needs_enough_updates(grid, drive):
     few = replay(
         drive, grid, robot=Robot(filter=dataclasses.replace(SHARP, resample_interval=40)), runs=2
     )
@@ -221,7 +222,7 @@ def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
     assert len(replay_figure(none).axes) == 2
 
 
-def test_sparse_scans_are_noted(grid, drive, replayed):
+def test_replay_notes_sparse_scans(grid, drive, replayed):
     assert replayed.notes == ()
     sparse = replay(drive.subsample(8), grid, robot=Robot(filter=SHARP), runs=2)
     assert "a scan only every 0.8 m, but AMCL updates every 0.25 m" in sparse.notes[0]
@@ -238,7 +239,7 @@ def test_sparse_scans_are_noted(grid, drive, replayed):
     assert holds.report().count("has a scan only every") == 1
 
 
-def test_drives_that_cannot_be_replayed_are_refused(grid, drive):
+def test_replay_rejects_unusable_drives(grid, drive):
     without = dataclasses.replace(drive, odometry=None)
     with pytest.raises(RecordingError, match="no odometry, which a replay needs"):
         replay(without, grid)
@@ -250,7 +251,7 @@ def test_drives_that_cannot_be_replayed_are_refused(grid, drive):
         replay("drive.npz", grid)
 
 
-def test_the_figure_shows_both_ways(replayed):
+def test_replay_figure_shows_both_paths(replayed):
     figure = replay_figure(replayed)
     upper, lower, *_ = figure.axes
     assert len(upper.lines) >= 7
@@ -273,7 +274,7 @@ def run(monkeypatch, capsys, *arguments):
     return ended.value.code, said.out, said.err
 
 
-def test_the_command_replays_a_drive(files, monkeypatch, capsys):
+def test_command_replays_recording(files, monkeypatch, capsys):
     settings = ["--set", "max_particles=300", "--set", "min_particles=100"]
     common = ["simulate", files / "map.yaml", "--drives", "2", *settings, "--recording"]
     code, out, _ = run(
@@ -308,14 +309,14 @@ def test_the_command_replays_a_drive(files, monkeypatch, capsys):
         (["--set", "outliers=0.1"], "outliers has no effect with --recording"),
     ],
 )
-def test_options_that_a_replay_does_not_read_are_refused(files, monkeypatch, capsys, given, said):
+def test_replay_rejects_unused_options(files, monkeypatch, capsys, given, said):
     command = ["simulate", files / "map.yaml", "--recording", files / "drive.npz", *given]
     code, _, err = run(monkeypatch, capsys, *command)
     assert code == 2
     assert said in err
 
 
-def test_recording_is_replayed_on_one_map(files, monkeypatch, capsys):
+def test_replay_rejects_several_maps(files, monkeypatch, capsys):
     maps = files / "map.yaml", files / "other.yaml"
     maps[1].write_text(maps[0].read_text())
     code, _, err = run(monkeypatch, capsys, "simulate", *maps, "--recording", files / "drive.npz")
@@ -323,12 +324,12 @@ def test_recording_is_replayed_on_one_map(files, monkeypatch, capsys):
     assert "a recording needs one map; name one of these 2" in err
 
 
-def test_a_drive_is_replayed_twenty_times_by_default(files, monkeypatch, capsys, coarse_fit):
+def test_replay_has_twenty_runs_by_default(files, monkeypatch, capsys, coarse_fit):
     command = ["simulate", files / "map.yaml", "--recording", files / "drive.npz", "--json"]
     assert json.loads(run(monkeypatch, capsys, *command)[1])["runs"] == 20
 
 
-def test_a_map_that_does_not_fit_is_told_before_the_replay(files, monkeypatch, capsys, coarse_fit):
+def test_replay_rejects_shifted_map(files, monkeypatch, capsys, coarse_fit):
     command = ["simulate", files / "map.yaml", "--recording", files / "drive.npz", "--drives", "2"]
     drive = Recording.load(files / "drive.npz").move(0.0, 1.0, 0.0)
     drive.save(files / "drive.npz")
@@ -338,7 +339,7 @@ def test_a_map_that_does_not_fit_is_told_before_the_replay(files, monkeypatch, c
     assert "run `locplan recording --align " in err
 
 
-def test_odometry_that_stands_still_is_refused(grid, drive):
+def test_replay_rejects_frozen_odometry(grid, drive):
     frozen = dataclasses.replace(drive, odometry=np.zeros_like(drive.poses))
     with pytest.raises(
         RecordingError, match=r"the odometry moves by only 0\.0 m, but the poses by"

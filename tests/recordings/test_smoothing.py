@@ -60,7 +60,7 @@ def with_odometry(drive: Recording, change) -> Recording:
 
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 3.0, 8.0])
-def test_the_density_of_a_move_is_that_of_its_parts(scale):
+def test_motion_density_equals_mixture(scale):
     random = np.random.default_rng(1)
     for _ in range(50):
         error = random.standard_normal(3) * scale * (0.2, 0.2, 0.1)
@@ -85,7 +85,8 @@ def small_scene():
     return walls, BeamScores(away.ravel(), *away.shape, 0.1, True, 1.0), ends
 
 
-def test_the_fit_of_a_scan_is_that_of_its_ends_and_its_equations_are_the_slope():
+def test_scan_fit_equals_plain_loops():
+    """The vector of the normal equations is the gradient of the fit."""
     walls, field, ends = small_scene()
     beams = least_squares.BeamMixture(0.1, 0.1, 30.0, -1.0)
     matrix, vector = np.empty((3, 3)), np.empty(3)
@@ -106,7 +107,7 @@ def test_the_fit_of_a_scan_is_that_of_its_ends_and_its_equations_are_the_slope()
     assert math.isnan(least_squares.evaluate_fit(field, beams, ends * np.nan, pose, matrix, vector))
 
 
-def test_the_best_way_is_the_likeliest_of_all():
+def test_likeliest_candidates_equal_exhaustive_search():
     random = np.random.default_rng(4)
     for _ in range(20):
         candidates = random.uniform(-1, 1, (3, 5, 3))
@@ -118,7 +119,7 @@ def test_the_best_way_is_the_likeliest_of_all():
         )
 
 
-def test_blocks_are_solved_and_inverted_as_the_whole_matrix():
+def test_block_solver_equals_dense_matrix():
     random = np.random.default_rng(5)
     parts = random.standard_normal((6, 3, 6))
     diagonal, beside = np.zeros((6, 3, 3)), np.zeros((6, 3, 3))
@@ -155,7 +156,7 @@ def some_drive(ends):
     return drive, np.array(poses)
 
 
-def test_the_equations_of_odometry_are_the_slope_of_its_loss():
+def test_odometry_equations_equal_loss_gradient():
     _, field, ends = small_scene()
     drive, poses = some_drive(ends * np.nan)
     beams = least_squares.BeamMixture(0.1, 0.1, 30.0, -1.0)
@@ -173,7 +174,8 @@ def test_the_equations_of_odometry_are_the_slope_of_its_loss():
     assert not equations.off_diagonal[3].any()
 
 
-def test_refined_poses_lose_less_and_follow_odometry_where_scans_say_nothing():
+def test_refined_poses_have_lower_loss():
+    """Without returns, the poses follow the odometry."""
     _, field, ends = small_scene()
     drive, poses = some_drive(ends)
     beams = least_squares.BeamMixture(0.1, 0.1, 30.0, -1.0)
@@ -190,7 +192,7 @@ def test_refined_poses_lose_less_and_follow_odometry_where_scans_say_nothing():
     assert ways[[0, 1, 3, 4]] == pytest.approx(drive.moves[[1, 2, 4, 5]], abs=1e-3)
 
 
-def test_particles_spread_as_moves_err():
+def test_particle_spread_equals_motion_noise():
     cloud = np.zeros((3, 4), np.float32)
     cloud[2] = math.pi / 2  # ahead is up
     poses, deviation = np.empty((3, 80_000)), np.array([0.1, 0.05, 0.02])
@@ -203,7 +205,7 @@ def test_particles_spread_as_moves_err():
     assert 0.003 < (np.hypot(poses[0], poses[1] - 1.0) > 1.0).mean() < 0.012
 
 
-def test_particles_are_drawn_in_proportion_to_their_weights():
+def test_resampling_is_proportional_to_weights():
     poses = np.arange(12.0).reshape(3, 4)
     cloud = np.empty((3, 1000), np.float32)
     weights = np.array([1.0, 0.0, 2.0, 7.0])
@@ -213,7 +215,7 @@ def test_particles_are_drawn_in_proportion_to_their_weights():
     assert (cloud[2] - cloud[0] == 8).all()
 
 
-def test_samples_backwards_follow_what_leads_to_the_end():
+def test_backward_samples_lead_to_final_particles():
     clouds = np.zeros((3, 3, 40), np.float32)
     clouds[:, 1, 20:] = 5.0  # two ways side by side, 5 m apart
     clouds[:, 0] = np.arange(3)[:, None]
@@ -226,7 +228,7 @@ def test_samples_backwards_follow_what_leads_to_the_end():
     assert (samples[..., 1] == 5.0).all()
 
 
-def test_samples_backwards_are_those_of_plain_loops():
+def test_backward_samples_equal_plain_loops():
     random = np.random.default_rng(10)
     clouds = random.normal(0.0, (0.3, 0.3, 0.2), (4, 30, 3)).transpose(0, 2, 1).astype(np.float32)
     clouds[2, 2] += 2 * np.pi
@@ -244,7 +246,7 @@ def test_samples_backwards_are_those_of_plain_loops():
 # What is found
 
 
-def test_a_drive_is_found_though_its_start_and_poses_are_not_known(drive, found):
+def test_smooth_needs_no_start_or_poses(drive, found):
     assert np.median(off(found, drive)) < 0.04
     assert off(found, drive).max() < 0.12
     turn = np.abs(of_poses.wrap_angles(found.poses[:, 2] - drive.poses[:, 2]))
@@ -253,14 +255,14 @@ def test_a_drive_is_found_though_its_start_and_poses_are_not_known(drive, found)
     assert np.array_equal(smooth(GRID, lost).poses, found.poses)
 
 
-def test_the_covariance_holds_the_errors(drive, found):
+def test_covariance_covers_trajectory_errors(drive, found):
     error = (found.poses - drive.poses)[:, :2]
     squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariances[:, :2, :2]), error)
     assert (squares < 5.99).mean() > 0.9
     assert np.median(squares) > 0.02
 
 
-def test_a_slip_of_the_wheels_is_named(drive):
+def test_smooth_reports_wheel_slip(drive):
     def slip(moves):
         moves[19, 0] += 2.0
 
@@ -275,7 +277,7 @@ def test_a_slip_of_the_wheels_is_named(drive):
 
 
 @pytest.mark.long
-def test_a_robot_that_was_carried_away_is_found_again(drive):
+def test_smooth_finds_carried_robot(drive):
     there = replace(drive, poses=drive.poses[::-1], ranges=drive.ranges[::-1], times=None)
     both = {
         name: np.concatenate([getattr(drive, name), getattr(there, name)])
@@ -295,7 +297,7 @@ def test_a_robot_that_was_carried_away_is_found_again(drive):
     assert off(found, carried, found.is_trusted).max() < 0.2
 
 
-def test_a_displaced_stretch_of_the_map_is_named(drive, found):
+def test_smooth_reports_displaced_map(drive, found):
     assert "the map is probably displaced" not in found.report()
     row, col = GRID.cell(drive.poses[35, :2])
     box = slice(row - 40, row + 40), slice(col - 40, col + 40)
@@ -324,7 +326,7 @@ def test_smooth_names_map_between_opposite_turns(drive):
     assert not any("the map is probably displaced" in doubt for doubt in doubts[:23] + doubts[39:])
 
 
-def test_smooth_trusts_scan_without_fit_between_others(drive):
+def test_smooth_trusts_single_misfitting_scan(drive):
     """Odometry leads over a single scan of people around the robot, but not over two."""
     ranges = drive.ranges.copy()
     crowd = [30, 50, 51]
@@ -336,7 +338,7 @@ def test_smooth_trusts_scan_without_fit_between_others(drive):
     assert not crowded.is_trusted[50:52].any()
 
 
-def test_smooth_trusts_no_scan_of_twin_rooms():
+def test_smooth_distrusts_scans_in_twin_rooms():
     room = np.full((60, 80), FREE, np.uint8)
     room[[0, -1]], room[:, [0, -1]] = OCCUPIED, OCCUPIED
     room[10:20, 30:50], room[35:60, 55:60] = OCCUPIED, OCCUPIED
@@ -346,14 +348,14 @@ def test_smooth_trusts_no_scan_of_twin_rooms():
     assert not smooth(grid, drive).is_trusted.any()
 
 
-def test_a_robot_whose_log_has_no_odometry_follows_its_poses(drive, found):
+def test_smooth_follows_poses_without_odometry(drive, found):
     alone = smooth(GRID, replace(drive, odometry=None))
     assert alone.odometry is None
     assert "no odometry, so its poses were used as odometry" in alone.report()
     assert off(alone, drive).max() < 0.1
 
 
-def test_a_map_that_lies_turned_gives_the_same_in_the_world(drive, found):
+def test_trajectory_rotates_with_map(drive, found):
     turned = replace(GRID, origin=(1.0, -2.0, 0.7))
     moved = found.grid.world_to_grid(*drive.poses[:, :2].T)
     x, y = turned.grid_to_world(*moved)
@@ -369,7 +371,7 @@ def test_a_map_that_lies_turned_gives_the_same_in_the_world(drive, found):
 
 
 @pytest.mark.long
-def test_odometry_is_told_from_the_drive(drive):
+def test_smooth_estimates_odometry_scale(drive):
     def wrong(moves):
         moves[:, 0] *= 0.9
 
@@ -378,7 +380,7 @@ def test_odometry_is_told_from_the_drive(drive):
     assert (1 + found.odometry.scale) / (1 + before) == pytest.approx(1 / 0.9, abs=0.03)
 
 
-def test_the_start_may_be_known(drive):
+def test_smooth_accepts_known_start(drive):
     assert off(smooth(GRID, drive, start=drive.poses[0]), drive).max() < 0.12
     for start in ("here", (1.0, 2.0), (math.nan, 0, 0), {}):
         with pytest.raises(ConfigError, match="start must be"):
@@ -387,12 +389,12 @@ def test_the_start_may_be_known(drive):
         smooth(GRID, drive, start=(-5.0, 2.0, 0.0))
 
 
-def test_a_trajectory_of_which_nothing_is_to_be_trusted_says_so(found):
+def test_doubtful_trajectory_suggests_map_check(found):
     (said,) = replace(found, doubts=np.ones(len(found), np.int64)).sentences
     assert said.startswith(f"The poses of all {len(found)} scans are doubtful: check the map,")
 
 
-def test_what_cannot_be_smoothed_is_refused(drive):
+def test_smooth_rejects_unusable_input(drive):
     with pytest.raises(RecordingError, match="at least 10 are needed"):
         smooth(GRID, drive[:9])
     bare = OccupancyGrid(np.full((50, 50), FREE, np.uint8), 0.1)
@@ -406,7 +408,8 @@ def test_what_cannot_be_smoothed_is_refused(drive):
     ("name", "half"),
     [("aces", "odd"), ("csail", "even"), ("fhw", "odd"), ("intel", "even"), ("seattle", "odd")],
 )
-def test_real_drives_are_found_on_maps_of_their_other_scans(name, half):
+def test_smooth_finds_real_drives(name, half):
+    """Odd scans are smoothed on the map of the even scans, or vice versa."""
     log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
     drive = log[(half == "odd") :: 2]
     other = {"odd": "even", "even": "odd"}[half]
@@ -450,7 +453,7 @@ def test_smooth_finds_dense_drives(name, median, most):
 # What is kept
 
 
-def test_an_interrupted_pass_goes_on_to_the_same_result(drive, found, tmp_path):
+def test_interrupted_smoothing_resumes_with_same_result(drive, found, tmp_path):
     def stop(done, total):
         if done > 0.4 * total:  # after 64 scans of the first pass
             raise KeyboardInterrupt
@@ -468,9 +471,7 @@ def test_an_interrupted_pass_goes_on_to_the_same_result(drive, found, tmp_path):
 
 
 @pytest.mark.long
-def test_a_pass_goes_on_with_no_blocks_of_another_call_nor_with_damaged_ones(
-    drive, found, tmp_path
-):
+def test_smoothing_ignores_foreign_and_damaged_blocks(drive, found, tmp_path):
     smooth(GRID, drive, folder=tmp_path, seed=2)
     assert smooth(GRID, drive, folder=tmp_path) == found
     for block in tmp_path.iterdir():
@@ -478,7 +479,7 @@ def test_a_pass_goes_on_with_no_blocks_of_another_call_nor_with_damaged_ones(
     assert smooth(GRID, drive, folder=tmp_path) == found
 
 
-def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_path):
+def test_trajectory_is_cached_and_saved(drive, found, tmp_path):
     made = load_or_smooth(drive, GRID, cache_dir=tmp_path)
     steps = []
     again = load_or_smooth(drive, GRID, cache_dir=tmp_path, progress=lambda *s: steps.append(s))
@@ -497,7 +498,7 @@ def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_pa
     assert 2 * np.arctan2(tum[:, 6], tum[:, 7]) == pytest.approx(found.poses[some, 2], abs=1e-5)
 
 
-def test_the_cache_lists_and_clears_trajectories(drive, tmp_path, run, monkeypatch):
+def test_cache_lists_and_clears_trajectories(drive, tmp_path, run, monkeypatch):
     def stop(done, total):
         if done > 0.4 * total:
             raise KeyboardInterrupt
@@ -516,7 +517,7 @@ def test_the_cache_lists_and_clears_trajectories(drive, tmp_path, run, monkeypat
     assert json.loads(run("cache", "list", "--json")[1]) == []
 
 
-def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):
+def test_smoothed_ground_truth_has_trusted_poses(drive, found, tmp_path):
     assert with_ground_truth(drive, GRID) is drive  # it is no bag
     smoothed = with_ground_truth(drive, GRID, "smoothed", cache_dir=tmp_path)
     assert np.array_equal(smoothed.poses, found.poses[found.is_trusted])
@@ -527,7 +528,7 @@ def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):
         with_ground_truth(drive, GRID, "truth")
 
 
-def test_the_figure_marks_what_is_not_to_be_trusted(drive, found):
+def test_trajectory_figure_marks_doubtful_poses(drive, found):
     doubts = found.doubts.copy()
     doubts[30:34] = 1
     jump = OdometryJump(30, "slip", *map(float, found.poses[30, :2]), 2.0, 0.1)
@@ -538,7 +539,7 @@ def test_the_figure_marks_what_is_not_to_be_trusted(drive, found):
     assert {"doubtful pose", "odometry jumps"} <= texts
 
 
-def test_the_report_names_what_is_not_to_be_trusted_and_how_odometry_errs(found):
+def test_report_names_doubts_and_odometry_errors(found):
     doubts = np.zeros(len(found), np.int64)
     doubts[3], doubts[30:34] = 1, 2
     model = replace(found.odometry, scale=-0.02, turn_scale=0.03, bend=0.01)
@@ -557,7 +558,7 @@ def test_the_report_names_what_is_not_to_be_trusted_and_how_odometry_errs(found)
     assert "odometry distances" not in " ".join(none.split())  # what nothing trusted tells of it
 
 
-def test_a_short_drive_does_not_tell_the_drifts_of_odometry(drive, found):
+def test_calibration_omits_drifts_of_short_drive(drive, found):
     noise = fit_odometry_noise(found.replace_poses(drive), ROBOT.amcl)
     assert any("too short to estimate drifts" in note for note in noise.notes)
     assert not any("drift" in name for name in noise.settings())
@@ -568,7 +569,8 @@ def test_a_short_drive_does_not_tell_the_drifts_of_odometry(drive, found):
 
 
 @pytest.mark.long
-def test_the_drifts_of_odometry_are_not_lost_in_poses_that_saw_it():
+def test_calibration_finds_drifts_after_smoothing():
+    """Smoothing uses this odometry, which must not hide its drifts."""
     costs = locplan.Costmap.blank(GRID, robot=ROBOT)
     ends = [each.start for each in locplan.planning.random_queries(costs, 9, 7, min_distance=15.0)]
     ways = [locplan.plan(costs, *pair).path.xy for pair in itertools.pairwise(ends)]

@@ -75,7 +75,7 @@ def test_recording_finds_ground_truth_on_map(run, files, grid, drive):
     assert (robot.lidar.beams, robot.filter.max_particles) == (90, 100)
 
 
-def test_recording_without_map_finds_faults_alone(run, files, drive):
+def test_recording_without_map_reports_only_faults(run, files, drive):
     code, out, err = run("recording", files / "monday.npz", "-o", files / "drive.npz")
     assert (code, err) == (0, "")
     assert f"wrote {files / 'drive.npz'}: the recording, for --recording of other commands" in out
@@ -111,7 +111,7 @@ def test_other_commands_take_written_recording(run, files):
     assert json.loads(run(*locate)[1])["recorded"]["distance"] < 0.5
 
 
-def test_written_robot_goes_to_other_commands(run, files):
+def test_other_commands_read_written_robot(run, files):
     Robot(LIDAR).save(files / "robot.yaml")
     command = "recording", files / "monday.npz", files / "room.yaml", *FEW
     command = *command, "--robot", files / "robot.yaml"
@@ -123,7 +123,7 @@ def test_written_robot_goes_to_other_commands(run, files):
     assert json.loads(out)["robot"] == Robot.load(robot).summary()
 
 
-def test_recording_replaces_files_by_force_alone(run, files):
+def test_recording_overwrites_files_only_with_force(run, files):
     target = files / "drive.npz"
     target.write_text("mine")
     command = "recording", files / "monday.npz", "-o", target
@@ -178,14 +178,14 @@ def test_command_rejects_recording_of_another_building(run, files, monkeypatch, 
     assert error.endswith("use the map of the building where it was recorded\n")
 
 
-def test_built_in_recording_is_written_under_own_name(run, tmp_path, monkeypatch):
+def test_built_in_recording_keeps_its_name(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     command = "recording", "two_corridors", "--every", "40", "-o", "two_corridors"
     assert run(*command)[0] == 0
     assert len(Recording.load(tmp_path / "two_corridors" / "drive.npz")) == 25
 
 
-def test_other_commands_point_to_options_of_recording(run, files):
+def test_other_commands_suggest_recording_options(run, files):
     with open_bag(files, "mcap") as (bag, writer):
         writer.tf(BEGIN, writer.transform(BEGIN, "odom", "base_link", (0, 0, 0)))
         writer.scan(BEGIN, LIDAR, np.ones(90), topic="/front")
@@ -216,7 +216,7 @@ def test_report_counts_faults_in_first_line(drive, faults, answer):
     assert ("alphas 0.05" in report) == ("n_jumps" in faults)
 
 
-def test_report_ends_map_fault_before_its_places(drive):
+def test_report_ends_sentence_before_places(drive):
     fault = MapFault("false walls", "the scans do not fit", "map it again", boxes=((0, 0, 2, 4),))
     fit = SimpleNamespace(sentence="The map fits.")
     report = dataclasses.replace(study_recording(drive), fit=fit, map_faults=(fault,)).report()

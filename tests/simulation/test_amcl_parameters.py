@@ -43,13 +43,14 @@ def test_nav2s_defaults_have_no_warnings(lidar):
         ({"laser_likelihood_max_dist": 0.3}, "below twice sigma_hit"),
     ],
 )
-def test_each_fault_has_one_warning(changes, words):
+def test_parameter_fault_has_one_warning(changes, words):
     (found,) = find_filter_warnings(Amcl(**changes), LIDAR)
     assert re.search(words, found)
     assert "\n" not in found
 
 
-def test_weights_that_add_up_to_1_with_those_of_the_beam_model_are_fine():
+def test_beam_model_weights_count_towards_sum():
+    """A file for the beam model also has z_short and z_max."""
     amcl = Amcl(z_hit=0.85, z_rand=0.05)
     assert find_filter_warnings(amcl, LIDAR, {"z_short": 0.05, "z_max": 0.05}) == []
     assert len(find_filter_warnings(amcl, LIDAR, {"z_short": 0.5, "z_max": "much"})) == 1
@@ -71,7 +72,7 @@ def hall(size: float) -> OccupancyGrid:
     return OccupancyGrid(cells, 0.1)
 
 
-def test_all_beams_return_in_a_small_room():
+def test_all_beams_return_in_small_room():
     simulator = Simulator(hall(4.0), robot=Robot(LIDAR, disturbances=CLEAN))
     left = BeamCount.on_map(simulator)
     assert left.compared == 60  # every sixth of 360
@@ -79,7 +80,8 @@ def test_all_beams_return_in_a_small_room():
     assert left.find_warnings() == []
 
 
-def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
+def test_beam_count_warns_in_wide_hall():
+    """The lidar sees 4 m, and the hall is 30 m wide."""
     lidar = Lidar(range=4.0)
     left = BeamCount.on_map(Simulator(hall(30.0), robot=Robot(lidar, filter=Amcl(max_beams=30))))
     assert 0 < left.returned < 0.5 * left.compared
@@ -88,6 +90,7 @@ def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
     assert f"of {left.compared} beams compared, {left.returned:.0f} return on this map" in warning
 
 
-def test_beams_are_counted_also_where_the_robot_fits_nowhere():
+def test_beam_count_needs_no_free_space():
+    """A robot that fits nowhere still has beams to compare."""
     grid = ascii_map("####", "#..#", "####", resolution=0.1)
     assert BeamCount.on_map(Simulator(grid, robot=Robot(LIDAR))).compared == 60

@@ -80,7 +80,8 @@ def there_and_back():
 
 
 @pytest.mark.parametrize("name", sample_cases(["round", "sideways", "car", "outlined"], 2))
-def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
+def test_closed_loop_drive_equals_plain_loop(name):
+    """The robot knows its pose, so that only the follower is compared."""
     grid, robot = room(), ROBOTS[name].with_settings({"boundary_noise": 0.0})
     path = there_and_back() if name == "car" else line(*BENT)
     (found,) = driven(grid, path, robot, 1, seed=3, perfect=True).drives
@@ -107,7 +108,7 @@ def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
     assert found.believed == pytest.approx(found.truth)
 
 
-def test_a_robot_whose_filter_is_good_arrives_at_its_goal():
+def test_robot_with_good_filter_reaches_goal():
     grid = room(origin=(-3.0, 2.0, 0.7))
     found = driven(grid, line(*BENT, grid=grid), ROBOTS["round"])
     assert ends(found) == ["arrived"] * 8
@@ -161,7 +162,8 @@ def exact(filter):
     return robot.with_settings(STILL)
 
 
-def test_a_robot_that_is_off_believes_to_be_at_the_goal_and_is_elsewhere():
+def test_shifted_estimate_ends_drive_elsewhere():
+    """The robot believes that it has reached the goal."""
     path = line((2.0, 2.5), (6.0, 2.5))
     (found,) = driven(room(), path, exact(Shifted(0.8)), 1).drives
     assert found.outcome == "elsewhere"
@@ -185,7 +187,7 @@ class Jumping(Shifted):
 
 
 @pytest.mark.parametrize(("jump", "is_aborted"), [(1.6, True), (1.4, False)])
-def test_drive_is_aborted_if_estimate_leaves_local_costmap(jump, is_aborted):
+def test_drive_aborts_if_estimate_jumps_away(jump, is_aborted):
     """RPP cuts the plan at half the local costmap, 1.5 m; without poses it aborts the goal."""
     path = line((1.5, 2.0), (6.5, 2.0))
     (found,) = driven(room(), path, exact(Jumping(jump)), 1).drives
@@ -194,7 +196,7 @@ def test_drive_is_aborted_if_estimate_leaves_local_costmap(jump, is_aborted):
     assert is_aborted or found.seconds > 10
 
 
-def test_robot_stands_still_if_arc_meets_wall():
+def test_robot_stops_if_arc_meets_wall():
     """It tries as often as Nav2's default tree: seven failures, each after one clearing."""
     grid, path = room(wall=True, door=(2.3, 2.5)), line((2.0, 2.4), (6.5, 2.4))
     (found,) = driven(grid, path, exact(Shifted(0.0)), 1).drives
@@ -209,7 +211,7 @@ def test_robot_stands_still_if_arc_meets_wall():
     assert ahead[ahead < 0].sum() == pytest.approx(-0.3, abs=0.01)
 
 
-def test_robot_stands_still_where_arc_cuts_corner():
+def test_robot_stops_if_arc_cuts_corner():
     """The path keeps off the walls, and the arc to a point 0.6 m ahead does not."""
     grid = room(wall=True, door=(2.2, 2.8))
     path = line((3.65, 0.8), (3.65, 2.5), (6.5, 2.5))
@@ -220,14 +222,15 @@ def test_robot_stands_still_where_arc_cuts_corner():
     assert (found.outcome, found.standstills) == ("arrived", 0)
 
 
-def test_robot_whose_estimate_stands_runs_out_of_time():
+def test_constant_estimate_leads_to_timeout():
     (found,) = driven(
         room(), line((2.0, 2.5), (6.0, 2.5)), exact(Shifted(0.0, stands=True)), 1
     ).drives
     assert found.outcome == "timed out"
 
 
-def test_what_is_not_on_the_path_s_map_is_driven_around():
+def test_robot_drives_around_unexpected_wall():
+    """The path was planned on a map without the wall."""
     path = line((2.0, 2.5), (6.5, 2.5))
     grid = room(wall=True, door=(3.2, 4.2))
     robot = ROBOTS["round"].with_settings({"boundary_noise": 0.0})
@@ -238,7 +241,7 @@ def test_what_is_not_on_the_path_s_map_is_driven_around():
 
 
 @pytest.mark.parametrize("name", ["round", "car"])
-def test_new_plans_keep_out_of_no_go_zones(name):
+def test_replanning_avoids_no_go_zones(name):
     """The near way around a box in the path is closed, so that robots take the far one."""
     path, robot = line((1.5, 2.4), (6.5, 2.4)), ROBOTS[name].with_settings({"boundary_noise": 0.0})
     cells = room().cells.copy()
@@ -259,9 +262,8 @@ def test_new_plans_keep_out_of_no_go_zones(name):
 
 
 @pytest.mark.parametrize(("door", "fault"), [((2.2, 2.6), "follower"), ((2.3, 2.5), "world")])
-def test_a_door_as_wide_as_the_robot_is_the_follower_s_failure_and_a_narrower_one_is_not(
-    door, fault
-):
+def test_aborted_drive_blames_follower_or_world(door, fault):
+    """A path exists through the first door, but not through the narrower second door."""
     grid, path = room(wall=True, door=door), line((2.0, 2.4), (6.5, 2.4))
     robot = Robot(Lidar(range=5.0, beams=60)).with_settings({"boundary_noise": 0.0})
     found = driven(grid, path, robot, 3)
@@ -272,7 +274,8 @@ def test_a_door_as_wide_as_the_robot_is_the_follower_s_failure_and_a_narrower_on
     assert all(each.truth[:, 0].max() < 4.0 for each in found.drives)
 
 
-def test_drives_are_those_of_their_numbers_on_any_number_of_threads():
+def test_closed_loop_drives_ignore_thread_count():
+    """Equal numbers give equal drives, whatever else is driven."""
     grid, path = room(), line(*BENT)
 
     def made(threads, drives):
@@ -286,12 +289,13 @@ def test_drives_are_those_of_their_numbers_on_any_number_of_threads():
     assert not np.array_equal(whole["a"].drives[0].truth[-1], whole["a"].drives[1].truth[-1])
 
 
-def test_a_plan_now_and_then_leads_to_the_goal_too():
+def test_robot_reaches_goal_with_periodic_replanning():
     found = driven(room(), line(*BENT), ROBOTS["round"], 4, replan=1.0)
     assert ends(found) == ["arrived"] * 4
 
 
-def test_a_lap_is_driven_though_it_begins_at_its_goal():
+def test_robot_drives_lap_to_its_end():
+    """The start of a lap is also its goal."""
     lap = line((1.5, 1.0), (6.5, 1.0), (6.5, 3.0), (1.5, 3.0), (1.5, 1.0))
     (found,) = driven(room(), lap, ROBOTS["round"], 1, perfect=True).drives
     assert found.outcome == "arrived"
@@ -301,7 +305,8 @@ def test_a_lap_is_driven_though_it_begins_at_its_goal():
     assert found.seconds > 0.9 * lap.length / ROBOTS["round"].kinematics.speed
 
 
-def test_plans_are_made_once_a_command_at_most():
+def test_replanning_rate_is_limited_by_commands():
+    """Commands are 0.1 s apart."""
     often, each = (
         driven(room(), line(*BENT), ROBOTS["round"], 1, replan=seconds).drives[0]
         for seconds in (0.04, 0.1)
@@ -309,7 +314,7 @@ def test_plans_are_made_once_a_command_at_most():
     assert np.array_equal(often.truth, each.truth)
 
 
-def test_a_new_plan_leaves_the_goal_where_it_is():
+def test_replanning_keeps_exact_goal():
     grid, goal = room(resolution=0.25), (6.49, 1.74)  # 0.16 m from the centre of its cell
     path = line((1.5, 1.6), goal)
     (found,) = driven(grid, path, ROBOTS["round"], 1, replan=0.5, perfect=True).drives
@@ -317,7 +322,8 @@ def test_a_new_plan_leaves_the_goal_where_it_is():
     assert math.dist(found.end[:2], goal) <= ROBOTS["round"].goal_tolerance
 
 
-def test_a_car_keeps_its_radius_and_changes_gear_only_where_its_path_does():
+def test_car_keeps_turning_radius_and_gears():
+    """It changes gear only where its path does."""
     robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).with_settings(STILL)
     (found,) = driven(room(), there_and_back(), robot, 1).drives
     assert found.outcome == "arrived"
@@ -328,14 +334,15 @@ def test_a_car_keeps_its_radius_and_changes_gear_only_where_its_path_does():
     assert (np.diff(np.sign(ahead[ahead != 0])) != 0).sum() == 1
 
 
-def test_a_car_whose_outline_does_not_fit_along_its_path_has_no_way():
+def test_car_aborts_in_narrow_door():
+    """A disc within the outline would fit through the door."""
     robot = ROBOTS["car"].with_settings({"boundary_noise": 0.0})
     grid = room(wall=True, door=(2.3, 2.6))  # a disc within its outline fits, 0.3 m wide as it is
     (found,) = driven(grid, line((2.0, 2.45), (6.5, 2.45)), robot, 1).drives
     assert (found.outcome, found.fault) == ("aborted", "world")
 
 
-def test_a_car_drives_round_what_stands_in_its_path():
+def test_car_drives_around_unexpected_wall():
     robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).with_settings(STILL)
     grid = room(wall=True, door=(2.4, 4.5))
     path = line((1.5, 2.1), (6.5, 2.1))
@@ -345,7 +352,7 @@ def test_a_car_drives_round_what_stands_in_its_path():
     assert (abs(turn) * 0.8 <= np.hypot(*step.T) * (1 + 1e-6) + 1e-9).all()
 
 
-def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
+def test_simulate_reports_reached_goals(tmp_path):
     grid, robot = room(wall=True, door=(2.3, 2.5)), Robot(Lidar(range=5.0, beams=60))
     paths = {"through": line((2.0, 2.4), (6.5, 2.4)), "away": line((2.0, 2.4), (2.0, 4.0))}
     found = simulate(grid, paths, robot, drives=2, closed=ClosedLoopSettings(drives=3), seed=4)
@@ -373,7 +380,7 @@ def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
         ClosedLoopSettings(replan=0.0)
 
 
-def test_drives_say_where_robots_stop_end_and_leave_the_path():
+def test_arrivals_list_places_of_failures():
     grid = room(wall=True, door=(2.2, 2.6))
     robot = Robot(Lidar(range=5.0, beams=60)).with_settings({"boundary_noise": 0.0})
     (stuck,) = driven(grid, line((2.0, 2.4), (6.5, 2.4)), robot, 1).drives

@@ -38,7 +38,7 @@ def test_rank_correlations_are_scipys():
     assert intervals.compute_spearman(np.ones(6), np.arange(6.0)) == 0
 
 
-def test_areas_under_the_curve_are_those_of_the_rank_sum():
+def test_auc_equals_rank_sum_statistic():
     random = np.random.default_rng(1)
     values, errors = random.integers(0, 9, 60).astype(float), random.lognormal(size=60)
     worst = np.argsort(errors)[-12:]
@@ -47,7 +47,7 @@ def test_areas_under_the_curve_are_those_of_the_rank_sum():
     assert intervals.compute_auc(values, errors) == pytest.approx(expected)
 
 
-def test_a_resample_is_ranked_like_the_places_drawn():
+def test_resampled_ranks_equal_repeated_places():
     random = np.random.default_rng(2)
     values, errors = random.integers(0, 9, (2, 30)).astype(float)
     drawn = intervals.BootstrapResamples.from_counts([30])
@@ -62,7 +62,7 @@ def test_a_resample_is_ranked_like_the_places_drawn():
     )
 
 
-def test_intervals_of_ranks_hold_the_truth():
+def test_rank_correlation_intervals_cover_truth():
     random, inside = np.random.default_rng(3), 0
     truth = 6 / math.pi * math.asin(0.6 / 2)  # Spearman's of a bivariate normal with r = 0.6
     for seed in range(60):
@@ -74,7 +74,8 @@ def test_intervals_of_ranks_hold_the_truth():
     assert inside >= 51
 
 
-def test_several_maps_widen_the_interval_and_are_averaged():
+def test_several_maps_widen_rank_interval():
+    """Maps are resampled, too."""
     random = np.random.default_rng(4)
     # Within each map the values say nothing; between maps everything.
     errors = [np.exp(m + 0.1 * random.standard_normal(50)) for m in range(4)]
@@ -95,7 +96,7 @@ def test_several_maps_widen_the_interval_and_are_averaged():
 # Covariances.
 
 
-def test_field_of_some_poses_equals_whole_field_there(grid):
+def test_field_at_poses_equals_whole_field(grid):
     """As the evaluation of a recording computes it; without headings all of them count."""
     sensor = locplan.Lidar(range=6.0, field_of_view_deg=180.0, beams=60)
     config = FieldConfig(Fisher(sensor))
@@ -148,7 +149,7 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
     assert (out / "simulation.png").stat().st_size > 10_000
 
 
-def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
+def test_simulate_reads_path_of_plan(run, map_file, tmp_path):
     run("plan", map_file, *ENDS, "-o", tmp_path / "plan")
     file = tmp_path / "plan" / "01-shortest.csv"
     code, out, _ = run(
@@ -193,7 +194,7 @@ def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     assert first["verdict"] == expected
 
 
-def test_an_unreachable_goal_is_a_result(run, tmp_path):
+def test_simulate_reports_unreachable_goal(run, tmp_path):
     cells = np.full((40, 60), 254, np.uint8)
     cells[:, 30] = 0
     locplan.save_map(locplan.OccupancyGrid(cells, 0.1), tmp_path / "cut.yaml")
@@ -205,7 +206,8 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
+def test_simulate_keeps_its_path_file(run, map_file, tmp_path):
+    """The path lies in the output folder."""
     run("plan", map_file, *ENDS, "-o", tmp_path)
     before = (tmp_path / "01-shortest.csv").read_bytes()
     run("simulate", map_file, "--path", tmp_path / "01-shortest.csv", "--drives", 2, "-o", tmp_path)
@@ -241,7 +243,7 @@ def test_wrong_requests_end_in_one_line(run, map_file, tmp_path, arguments, reas
     assert not out.exists()
 
 
-def test_a_path_of_several_maps_is_refused(run, map_file, tmp_path):
+def test_simulate_rejects_path_on_several_maps(run, map_file, tmp_path):
     locplan.save_map(locplan.load_map(map_file), tmp_path / "other.yaml")
     several = map_file, tmp_path / "other.yaml"
     error = check_refusal(run("simulate", *several, *ENDS))

@@ -75,7 +75,7 @@ def errors(filter_map=None, robot=EXACT, drives=8, **more):
 
 
 @pytest.mark.parametrize("interval", [1, 3])
-def test_amcl_stepped_by_its_protocol_gives_what_a_replay_gives(interval):
+def test_stepped_amcl_equals_replay(interval):
     grid = OccupancyGrid(room().cells, 0.125, (3.0, -2.0, 0.5))
     xy = np.column_stack(grid.grid_to_world([30.0, 30.0, 20.0], [12.0, 60.0, 80.0]))
     line = make_path_poses(Path(xy), grid)[::3]
@@ -147,7 +147,7 @@ class Wrapped:
         return tracker
 
 
-def test_a_filter_of_the_users_own_is_driven_by_its_protocol():
+def test_simulate_drives_custom_filter():
     yawed = dataclasses.replace(room(), origin=(3.0, -2.0, 0.5))
     xy = np.column_stack(yawed.grid_to_world([32.0, 32.0, 16.0], [16.0, 72.0, 72.0]))
     found, amcl = (
@@ -163,7 +163,7 @@ def test_a_filter_of_the_users_own_is_driven_by_its_protocol():
     assert (again.drives["a"].errors == found.drives["a"].errors).all()
 
 
-def test_a_filter_that_knows_only_odometry_drifts_with_it():
+def test_odometry_filter_drifts_with_odometry():
     deaf = Robot(EXACT.lidar, filter=Deaf(), disturbances=EXACT.disturbances)
     found = simulate(room(), THROUGH, deaf.with_settings({"distance_bias": 0.1}), drives=40)
     errors = found.drives["through"].errors
@@ -172,7 +172,7 @@ def test_a_filter_that_knows_only_odometry_drifts_with_it():
     assert errors[:, at, 0].std() == pytest.approx(0.7, rel=0.3)
 
 
-def test_what_reads_amcls_parameters_says_so_of_another_filter(tmp_path):
+def test_amcl_functions_reject_custom_filter(tmp_path):
     robot = dataclasses.replace(EXACT, filter=Wrapped())
     for asked in (
         lambda: tune(room(), robot, paths=5, drives=2),
@@ -191,7 +191,7 @@ def test_filters_of_users_are_checked():
     check_filter(Deaf())
 
 
-def test_the_contracts_scans_are_of_its_map():
+def test_check_filter_scans_match_map():
     class Looking(Deaf):
         def start(self, grid, lidar, pose, *more):
             self.grid, self.lidar = grid, lidar
@@ -220,16 +220,16 @@ def test_the_contracts_scans_are_of_its_map():
         ("sign", "negative"),
     ],
 )
-def test_faults_of_a_filter_are_named(fault, said):
+def test_check_filter_names_fault(fault, said):
     with pytest.raises(LocplanError, match=said):
         check_filter(Deaf(fault))
 
 
-def test_a_filter_map_equal_to_the_map_gives_the_same_numbers():
+def test_equal_filter_map_keeps_errors():
     assert np.array_equal(errors(), errors(room()))
 
 
-def test_a_filter_map_with_a_shifted_wall_makes_errors():
+def test_shifted_filter_map_increases_error():
     assert mean_error(None) < 0.06
     assert mean_error(shifted_wall()) > 0.15
 
@@ -245,7 +245,7 @@ def padded(*cells):
     return OccupancyGrid(grown, 0.125, (-0.125 * left, -0.125 * below, 0.0))
 
 
-def test_a_filter_map_may_begin_elsewhere():
+def test_filter_map_may_have_other_origin():
     around, further = padded(24, 24, 24, 24), padded(28, 40, 36, 24)
     assert errors(further) == pytest.approx(errors(around), abs=1e-6)
 
@@ -254,14 +254,15 @@ def finer():
     return OccupancyGrid(np.repeat(np.repeat(room().cells, 2, 0), 2, 1), 0.0625)
 
 
-def test_a_filter_map_may_be_finer_and_turned():
+def test_filter_uses_finer_or_turned_map():
     turned = OccupancyGrid(np.rot90(room().cells, -1), 0.125, (0.0, 8.0, -np.pi / 2))
     assert mean_error(finer()) < 0.06
     assert mean_error(turned) < 0.06
     assert np.abs(errors(turned)[..., 2]).mean() < 0.05
 
 
-def test_errors_are_in_the_world_where_the_filter_map_is_turned():
+def test_errors_are_in_world_frame():
+    """The filter's map is turned by a quarter."""
     turned = OccupancyGrid(np.rot90(room().cells, -1), 0.125, (0.0, 8.0, -np.pi / 2))
     unseen = dataclasses.replace(
         EXACT,
@@ -277,7 +278,7 @@ def test_errors_are_in_the_world_where_the_filter_map_is_turned():
         assert x > 2 * y
 
 
-def test_maps_that_do_not_overlap_are_refused():
+def test_simulate_rejects_distant_filter_map():
     far = OccupancyGrid(room().cells, 0.125, (100.0, 0.0, 0.0), "far")
     with pytest.raises(ConfigError, match=r"map \(far\) and room do not overlap"):
         errors(far)
@@ -286,7 +287,7 @@ def test_maps_that_do_not_overlap_are_refused():
 
 
 @pytest.mark.long
-def test_whatever_drives_takes_a_filter_map(tmp_path):
+def test_simulating_functions_accept_filter_map(tmp_path):
     grid, old = room(), shifted_wall()
     costs = Costmap.from_field(covariance_field(grid, Sad()), robot=0.3)
     query = [Query("one", (2.0, 4.0), (9.0, 4.0))]
@@ -314,7 +315,7 @@ def test_whatever_drives_takes_a_filter_map(tmp_path):
 
 
 @pytest.mark.long
-def test_recorded_drives_are_replayed_on_the_filter_map():
+def test_replay_uses_filter_map():
     grid, old = room(), shifted_wall()
     back = Path(np.array([[1.5, 4.0], [9.5, 4.0], [9.5, 2.0], [10.5, 4.0], [1.5, 4.2]] * 2))
     drive = simulate_recording(grid, make_path_poses(back, grid)[::4])
@@ -345,7 +346,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_commands_take_the_map_of_the_filter(command, run, tmp_path, monkeypatch):
+def test_commands_use_filter_map_option(command, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_map(room(), "room.yaml")
     save_map(shifted_wall(), "old.yaml")

@@ -61,7 +61,7 @@ def splitmix64(counter: int) -> int:
 # Worlds
 
 
-def test_flipped_cells_equal_those_of_plain_loops():
+def test_flipped_cells_equal_plain_loop():
     from locplan.simulation.kernels.worlds import flip_cells
 
     random = np.random.default_rng(1)
@@ -76,13 +76,13 @@ def test_flipped_cells_equal_those_of_plain_loops():
     assert (stops == expected).all()
 
 
-def test_splitmix64_gives_the_published_numbers():
+def test_splitmix64_returns_published_numbers():
     numbers = [splitmix64(1234567 + n * 0x9E3779B97F4A7C15) for n in (1, 2, 3)]
     assert numbers == [6457827717110365317, 3203168211198807973, 9817491932198370423]
 
 
 @pytest.mark.parametrize("noise", sample_cases([0.1, 0.0, 0.5, 1.0], 2))
-def test_world_flips_the_share_of_boundary_cells(noise):
+def test_world_flips_share_of_boundary_cells(noise):
     robot = dataclasses.replace(ROBOT, disturbances=Disturbances(boundary_noise=noise))
     simulator = Simulator(room(200, 300), robot)
     boundary, stops = simulator.boundary, simulator.is_occupied
@@ -102,7 +102,7 @@ def test_world_flips_the_share_of_boundary_cells(noise):
         assert (other.find_occupied_cells(7, 0) != (flips[0] ^ stops)).any()
 
 
-def test_world_does_not_depend_on_the_part():
+def test_world_region_equals_whole_world():
     simulator = Simulator(room(200, 300), ROBOT)
     far = simulator.make_drive_poses(np.array([[22.0, 14.0, 0.0], [24.0, 14.0, 0.0]]))
     whole, part = simulator.make_world_region(), simulator.make_world_region([far])
@@ -113,7 +113,7 @@ def test_world_does_not_depend_on_the_part():
         assert (part.find_occupied_cells(3, number) == world[part.window]).all()
 
 
-def test_world_has_the_same_noise_beside_an_object():
+def test_object_leaves_other_noise_unchanged():
     grid = room(200, 300)
     with_pole = mark_objects(grid, Pole(0.2), np.array([[4.0, 3.0, 0.0]]))
     one, other = (
@@ -128,7 +128,7 @@ def test_world_has_the_same_noise_beside_an_object():
 # Random numbers
 
 
-def test_drives_do_not_depend_on_other_paths():
+def test_drives_ignore_other_paths():
     simulator = Simulator(room(), ROBOT)
     alone = drive_open(simulator, {"a": LONG}, range(4))["a"]
     together = drive_open(simulator, {"b": BENT, "c": OTHER, "a": LONG}, range(2, 4))
@@ -137,7 +137,7 @@ def test_drives_do_not_depend_on_other_paths():
 
 
 @pytest.mark.parametrize("numbers", [range(3), range(1)])
-def test_drives_are_equal_on_any_number_of_threads(numbers):
+def test_drives_ignore_thread_count(numbers):
     paths = {"a": LONG, "b": BENT, "c": OTHER}
     one, three = (Simulator(room(), ROBOT, threads=threads) for threads in (1, 3))
     calls = []
@@ -174,7 +174,7 @@ def correlate_ends(one: Drives, other: Drives) -> float:
     return float(np.corrcoef(one.errors[:, -1, 0], other.errors[:, -1, 0])[0, 1])
 
 
-def test_drives_of_one_route_are_pairs_and_of_others_are_not():
+def test_open_loop_drives_pair_within_route():
     near = path((1.0, 1.0), (8.0, 1.002))
     paths = {"long": LONG, "bent": BENT, "near": near, "other": OTHER}
     wheels = Odometry(distance_bias=0.1)
@@ -191,7 +191,7 @@ def test_drives_of_one_route_are_pairs_and_of_others_are_not():
     assert (paired["long"].errors == drives["long"].errors).all()
 
 
-def test_closed_loop_drives_of_one_route_are_pairs_and_of_others_are_not():
+def test_closed_loop_drives_pair_within_route():
     """The error with which the filter starts is a random number of the drive alone."""
     paths = {"long": LONG, "bent": BENT, "near": path((1.0, 1.0), (8.0, 1.002))}
     arrivals = drive_closed(Simulator(room(), ROBOT), paths, range(3))
@@ -213,12 +213,13 @@ def test_route_key_counts_in_millimetres():
     assert len({compute_route_key(LONG), *map(compute_route_key, others)}) == 4
 
 
-def test_bases_of_numbers_leave_room_for_the_drives_that_are_reported():
+def test_drive_number_ranges_are_disjoint():
+    """A recommendation reports at most 1024 drives."""
     assert 1024 < FIRST_CHOOSING_DRIVE < FIRST_FRESH_DRIVE - 1024
     assert ClosedLoopSettings().drives == 16
 
 
-def test_stretched_world_moves_what_the_lidar_sees():
+def test_stretched_world_increases_error():
     grid = room()
     calm = Robot(LIDAR, disturbances=Disturbances(boundary_noise=0.0, start_sigma=0.0))
     right, wrong = (
@@ -250,7 +251,7 @@ def test_verdict_compares_rates_of_reached_goals():
 
 
 @pytest.mark.long
-def test_commands_report_the_same_rates_of_one_route():
+def test_commands_report_equal_rates():
     """`simulate`, `check` and `recommend_path` drive one route on which robots get lost."""
     grid = environments.make("two_corridors", resolution=0.1)
     robot = Robot(

@@ -84,7 +84,7 @@ def test_disturbed_odometry_equals_plain_loop(level):
 
 
 @pytest.mark.parametrize(("length", "count"), [(7.0, 1), (20.0, 1), (240.0, 2), (390.0, 4)])
-def test_missing_motion_lies_before_the_end(length, count):
+def test_missing_motion_precedes_path_end(length, count):
     n = round(length / 0.05) + 1
     poses = np.column_stack([np.linspace(0, length, n), np.zeros((n, 2))])
     for seed in range(20):
@@ -95,7 +95,7 @@ def test_missing_motion_lies_before_the_end(length, count):
         assert poses[stands[-1], 0] <= length - min(length / 3, 45.0) + 0.05
 
 
-def test_sign_is_kept_where_odometry_moves_forward():
+def test_reversal_ignores_jitter_of_poses():
     """A recording's poses may jitter back while its robot moves forward."""
     poses, odometry = wavy_poses(), wavy_poses()
     odometry[250:291, :2] = odometry[250, :2] + 0.01 * np.arange(41)[:, None] * (1.0, 0.2)
@@ -130,7 +130,7 @@ def test_level_rejects_bad_value(changes, message):
 # Drives
 
 
-def test_drives_at_level_differ_from_fault_on():
+def test_drives_differ_only_after_fault():
     """Before the fault, a drive has the same world, odometry and filter as without the fault."""
     simulator = Simulator(corridor(), ROBOT, threads=1)
     no_fault = Level("no fault", "", missing=1e-12)
@@ -166,7 +166,7 @@ def test_levels_for_leaves_out_impossible_faults():
 # Kinks
 
 
-def test_kink_lies_in_corridor_that_path_crosses_once():
+def test_kink_lies_in_corridor_crossed_once():
     grid = corridor()
     kink = find_kink(STRAIGHT, grid)
     assert (kink.y, kink.direction) == pytest.approx((2.0, 0.0), abs=1e-6)
@@ -178,7 +178,7 @@ def test_kink_lies_in_corridor_that_path_crosses_once():
     assert find_kink(Path(xy), grid) is None
 
 
-def test_kink_is_not_in_wide_places_or_doors():
+def test_kink_avoids_wide_places_and_doors():
     rows = ["#" * 40, *["#" + "." * 38 + "#"] * 8, "#" * 40]
     rows = [row[:20] + ("#" if n not in (4, 5) else ".") + row[21:] for n, row in enumerate(rows)]
     grid = ascii_map(*rows, resolution=0.7)
@@ -211,7 +211,7 @@ def test_kinked_map_equals_turned_cells(origin, angle):
     assert kinked.origin[2] == grid.origin[2]
 
 
-def test_drive_on_kinked_map_follows_the_kink():
+def test_drive_follows_kink_of_map():
     """A filter that tracks the map is right on the map, though the building is straight."""
     simulator = Simulator(corridor(), ROBOT, threads=1)
     drives = drive_open(simulator, {"a": STRAIGHT}, range(4), level=KINKED_MAP)["a"]

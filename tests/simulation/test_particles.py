@@ -39,7 +39,7 @@ def cloud(random, count):
 
 @pytest.mark.parametrize("half_cell", [True, False])
 @pytest.mark.parametrize("model", ["likelihood_field", "likelihood_field_prob"])
-def test_weights_are_those_of_the_formula(model, half_cell):
+def test_particle_weights_equal_plain_formula(model, half_cell):
     grid, random = room(), np.random.default_rng(1)
     amcl = Amcl(laser_model_type=model, laser_likelihood_max_dist=0.6, half_cell=half_cell)
     poses = cloud(random, 40)
@@ -54,7 +54,7 @@ def test_weights_are_those_of_the_formula(model, half_cell):
     assert weights == pytest.approx(expected, rel=2e-6)
 
 
-def test_weights_are_equal_where_no_beam_returns():
+def test_weighing_without_returns_only_normalizes():
     weights = np.array([0.2, 0.4, 0.0])
     scores = simulator(room()).arguments.scores
     particles.weigh_particles(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, weights)
@@ -67,7 +67,7 @@ def test_weights_are_equal_where_no_beam_returns():
     ("dx", "dy", "turn"),
     [(0.25, 0.1, 0.1), (-0.3, -0.02, -0.05), (0.0, 0.0, 0.4), (0.004, 0.0, -2.0)],
 )
-def test_particles_move_like_the_plain_formula(dx, dy, turn, model):
+def test_particle_motion_equals_plain_formula(dx, dy, turn, model):
     poses = cloud(np.random.default_rng(2), 30)
     alphas = {f"alpha{n}": n / 10 for n in range(1, 6)}
     amcl = Amcl(**alphas, robot_model_type=model)
@@ -101,7 +101,7 @@ def test_clusters_are_those_of_touching_bins(count):
     assert (histogram.bin_of == particles.FREE).all()
 
 
-def test_kld_sampling_wants_what_amcl_wants():
+def test_kld_sample_size_equals_amcl():
     amcl = Amcl(min_particles=20, max_particles=500)
     settings = simulator(room(), amcl).arguments.filter
     for bins in range(200):
@@ -113,7 +113,7 @@ def test_kld_sampling_wants_what_amcl_wants():
 
 
 @pytest.mark.parametrize(("limits", "lost"), [((5, 400), 0.0), ((60, 60), 0.0), ((60, 400), 0.3)])
-def test_resampling_draws_the_same_particles(limits, lost):
+def test_resampling_equals_plain_loop(limits, lost):
     random = np.random.default_rng(4)
     own = {"recovery_alpha_slow": 0.001, "recovery_alpha_fast": 0.1} if lost else {}
     amcl = Amcl(min_particles=limits[0], max_particles=limits[1], pf_err=0.2, **own)
@@ -145,7 +145,8 @@ def test_resampling_draws_the_same_particles(limits, lost):
     assert drawn[:, :found] == pytest.approx(expected)
 
 
-def test_random_particles_are_added_where_weights_have_fallen():
+def test_lost_share_rises_with_falling_weights():
+    """This share of the particles is drawn at random places."""
     amcl = Amcl(recovery_alpha_slow=0.01, recovery_alpha_fast=0.3)
     settings = simulator(room(), amcl).arguments.filter
     found, plain = np.zeros(2), np.zeros(2)
@@ -160,7 +161,7 @@ def test_random_particles_are_added_where_weights_have_fallen():
     assert [drives.update_lost_share(np.array([0.5, 0.5]), w, none) for w in (0.1, 2.0)] == [0, 0]
 
 
-def test_the_first_share_above_a_value_is_found_from_anywhere():
+def test_find_first_above_ignores_start_index():
     random = np.random.default_rng(5)
     weights = random.exponential(size=40) ** 3
     weights[random.choice(40, 15, replace=False)] = 0.0
@@ -176,7 +177,7 @@ def test_the_first_share_above_a_value_is_found_from_anywhere():
     )
 
 
-def test_particles_are_drawn_as_often_as_they_weigh():
+def test_resampling_follows_particle_weights():
     amcl = Amcl(min_particles=20_000, max_particles=20_000)
     poses, weights = np.zeros((3, 20_000)), np.zeros(20_000)
     poses[0, :4], weights[:4] = (0, 1, 2, 3), (0.1, 0.2, 0.3, 0.4)
@@ -189,7 +190,7 @@ def test_particles_are_drawn_as_often_as_they_weigh():
 
 
 @pytest.mark.parametrize("occlusion", [0.0, 1.0])
-def test_measured_beams_end_where_the_plain_loop_says(occlusion):
+def test_measured_beams_equal_plain_loop(occlusion):
     grid = room()
     here = simulator(grid, outliers=0.2, occlusion=occlusion, occlusion_deg=90)
     squares, ends = compute_empty_squares(grid.cells == OCCUPIED), np.empty((9, 2))
@@ -210,7 +211,7 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
         assert ends == pytest.approx(expected, abs=2e-6, nan_ok=True)  # levers are rounded
 
 
-def test_outliers_and_occlusions_come_as_often_as_asked():
+def test_outlier_and_occlusion_rates_match_settings():
     free = OccupancyGrid(np.full((90, 90), FREE), RESOLUTION)
     sensor = Lidar(range=4.0, beams=72)
     here = simulator(free, lidar=sensor, outliers=0.1, occlusion=0.3, occlusion_deg=40.0)
@@ -229,7 +230,7 @@ def test_outliers_and_occlusions_come_as_often_as_asked():
     assert returned == pytest.approx(0.1 + 0.9 * 0.3 * 40 / 360, abs=0.01)
 
 
-def test_odometry_drifts_like_the_plain_formula():
+def test_odometry_drift_equals_plain_formula():
     truth = np.column_stack(
         [np.linspace(0, 3, 40), np.sin(np.linspace(0, 2, 40)), np.linspace(0, 4, 40)]
     )
@@ -244,7 +245,7 @@ def test_odometry_drifts_like_the_plain_formula():
     )
 
 
-def test_drifts_grow_with_the_root_of_the_way():
+def test_drift_grows_with_root_of_distance():
     quiet = dict.fromkeys(
         ("distance_bias", "heading_bias_deg", "turn_bias", "heading_drift_deg"), 0.0
     )
@@ -285,7 +286,7 @@ def test_drifts_grow_with_the_root_of_the_way():
         ),
     ],
 )
-def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
+def test_simulated_drive_equals_plain_loop(amcl):
     grid, world = room(), room(4)
     x = np.linspace(0.9, 1.7, 17)
     truth = np.column_stack([x, 1.2 + 0.1 * np.sin(4 * x), 0.8 * (x - 0.9)])

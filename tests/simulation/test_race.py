@@ -51,24 +51,25 @@ def verdicts(ratios, count=300, **more):
     return made, Counter(each.verdict for each in made)
 
 
-def test_of_paths_alike_hardly_one_is_recommended():
+def test_race_rarely_recommends_equal_path():
     made, said = verdicts([1.0] * 10, count=500)
     assert said[BETTER] <= 0.025 * len(made)
 
 
-def test_a_path_of_four_fifths_of_the_error_is_found():
+def test_race_finds_ratio_of_four_fifths():
     made, said = verdicts([1.0, 1.1, 1.2, 0.8, 1.1, 1.3], count=200, deviation=0.25)
     assert said[BETTER] >= 0.9 * len(made)
     assert {each.leader for each in made if each.verdict == BETTER} == {3}
 
 
-def test_a_path_that_is_hardly_better_is_hardly_recommended():
+def test_race_rarely_recommends_slight_gain():
     made, _ = verdicts([1.0, 0.96, 1.1, 1.2], count=200)
     assert np.mean([each.recommends_leader(bold=False) for each in made]) <= 0.06
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.85, 0.6])
-def test_intervals_shown_cover_the_truth_whenever_the_drives_end(ratio):
+def test_ratio_intervals_cover_true_ratio(ratio):
+    """The drives end early if they decide."""
     made, _ = verdicts([1.0, ratio, 1.05, 1.1])
     held = [
         low <= math.exp(math.log([1.0, ratio, 1.05, 1.1][each.leader])) <= high
@@ -87,7 +88,8 @@ def test_confirming_drives_are_fresh_and_paired():
     assert found.ratio.low < found.ratio.value < found.ratio.high < 1
 
 
-def test_the_first_rounds_keep_the_shortest_and_four_others():
+def test_first_rounds_keep_five_paths():
+    """The shortest path is always among them."""
     paths = Paths([1.0, *[0.99] * 6, 9.0], 3)
     paths.judged(n_drives=2)
     assert sorted(paths.driven.values())[:3] == [4, 4, 4]
@@ -95,7 +97,7 @@ def test_the_first_rounds_keep_the_shortest_and_four_others():
     assert sum(count >= 8 for count in paths.driven.values()) == 5
 
 
-def test_at_most_three_that_beat_the_shortest_are_confirmed():
+def test_race_confirms_three_paths_at_most():
     paths = Paths([1.0, *[0.6] * 8, 1.5], 3, deviation=0.05)
     found = paths.judged()
     assert found.verdict == BETTER
@@ -103,26 +105,26 @@ def test_at_most_three_that_beat_the_shortest_are_confirmed():
     assert sum(count > 8 for count in paths.driven.values()) == 4
 
 
-def test_a_finalist_that_is_surely_worse_stays_behind():
+def test_worse_finalist_is_dropped_early():
     made = [Paths([1.0, 0.91, 0.98], seed, deviation=0.1) for seed in range(20)]
     for paths in made:
         paths.judged()
     assert any(paths.driven[1] > paths.driven[2] > 8 for paths in made)
 
 
-def test_the_best_of_several_finalists_is_held_by_its_interval():
+def test_interval_covers_ratio_of_best_finalist():
     made, _ = verdicts([1.0, *[0.9] * 5], deviation=0.5)
     held = [each.ratio.low <= 0.9 <= each.ratio.high for each in made if each.leader]
     assert np.mean(held) >= 0.95
 
 
-def test_a_path_that_is_clearly_better_is_taken_before_one_that_loses_more():
+def test_race_prefers_path_with_fewer_losses():
     paths = Paths([1.0, 0.5, 0.51], 1, deviation=0.2, losing=(1,))
     found = paths.judged(loss_penalty=0.0)
     assert (found.leader, found.verdict, found.more_lost) == (2, BETTER, False)
 
 
-def test_drives_double_until_they_decide_or_time_is_up():
+def test_race_doubles_drives_until_decision():
     for seed in range(20):
         paths = Paths([1.0, 0.9], seed)
         found = paths.judged()
@@ -134,7 +136,7 @@ def test_drives_double_until_they_decide_or_time_is_up():
         assert len(found.drives) == 8
 
 
-def test_a_path_that_loses_more_drives_is_never_recommended():
+def test_race_never_recommends_more_losses():
     paths = Paths([1.0, 0.5], 1, losing=(1,))
     found = paths.judged(loss_penalty=0.0)
     assert (found.leader, found.more_lost) == (1, True)
@@ -142,7 +144,7 @@ def test_a_path_that_loses_more_drives_is_never_recommended():
     assert found.ratio.high < 0.8
 
 
-def test_a_lost_drive_and_the_handicap_count_in_the_race():
+def test_race_counts_losses_and_handicap():
     assert Paths([1.0, 0.5], 1, losing=(1,)).judged(loss_penalty=9.0).leader == 0
     paths = Paths([1.0, 0.8, 0.7], 1, deviation=0.1)
     assert run_race(paths, np.array([0.0, 0.0, 0.5]), 1.0, 8).leader == 1
@@ -157,7 +159,7 @@ def test_price_of_length_decides_between_finalists():
     assert leaders.count(1) >= 16
 
 
-def test_without_a_leader_nothing_is_confirmed():
+def test_race_without_leader_confirms_nothing():
     paths = Paths([1.0, 2.0], 1)
     found = paths.judged()
     assert (found.leader, found.verdict, found.drives) == (0, UNDECIDED, range(8))

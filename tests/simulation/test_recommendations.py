@@ -61,7 +61,7 @@ class Late(Executor):
         return task
 
 
-def test_each_choice_is_that_of_choose(costs, made):
+def test_recommend_paths_equals_recommend_path(costs, made):
     for seed, (query, each) in enumerate(zip(QUERIES, made, strict=True), 1):
         asked = {"costs": costs, "seed": seed, "threads": 1, **QUICK}
         single = recommend(costs.grid, query.start, query.goal, **asked)
@@ -70,7 +70,7 @@ def test_each_choice_is_that_of_choose(costs, made):
         assert each.recommendation.robot.lidar == LIDAR
 
 
-def test_saved_choices_are_read_back(made, tmp_path):
+def test_saved_recommendations_are_read_back(made, tmp_path):
     made.save(tmp_path / "planned")
     read = read_recommendations(tmp_path / "planned")
     assert read == {each.query.name: each.recommendation for each in made}
@@ -87,7 +87,7 @@ def test_saved_choices_are_read_back(made, tmp_path):
 
 
 @pytest.mark.parametrize("kind", sample_cases(["processes", "late", "threads"]))
-def test_choices_do_not_depend_on_the_executor(costs, made, kind):
+def test_recommendations_are_equal_for_all_executors(costs, made, kind):
     pools = {
         "late": Late,
         "threads": lambda: ThreadPoolExecutor(2),
@@ -105,7 +105,7 @@ def test_choices_do_not_depend_on_the_executor(costs, made, kind):
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("default")  # of dask's own shutting down
-def test_a_cluster_chooses_the_same(costs, made):
+def test_dask_cluster_returns_equal_recommendations(costs, made):
     distributed = pytest.importorskip("distributed", reason="locplan[dask] is not installed")
     with (
         distributed.LocalCluster(
@@ -117,7 +117,8 @@ def test_a_cluster_chooses_the_same(costs, made):
     assert [each.recommendation for each in other] == [each.recommendation for each in made]
 
 
-def test_tasks_take_one_thread_and_little_of_the_map_is_sent_back(costs, monkeypatch):
+def test_task_uses_single_thread(costs, monkeypatch):
+    """It returns no costmap, so that little data is sent back."""
     threads = []
 
     def note(*arguments, **options):
@@ -132,7 +133,7 @@ def test_tasks_take_one_thread_and_little_of_the_map_is_sent_back(costs, monkeyp
     assert threads == [1, 2]
 
 
-def test_at_most_some_tasks_are_at_the_executor_at_once(costs, monkeypatch):
+def test_executor_holds_limited_number_of_tasks(costs, monkeypatch):
     monkeypatch.setattr(module, "IN_FLIGHT", 1)
     held, most = [], []
 
@@ -163,7 +164,7 @@ def test_workers_with_another_locplan_are_refused(costs):
         recommend_many(costs, QUERIES[:1], executor=executor, **QUICK)
 
 
-def test_an_executor_that_fails_is_one_line(costs):
+def test_failing_executor_raises_locplan_error(costs):
     class Broken(Executor):
         def submit(self, *_):
             raise OSError("no\nworkers")
@@ -172,7 +173,7 @@ def test_an_executor_that_fails_is_one_line(costs):
         recommend_many(costs, QUERIES, executor=Broken(), **QUICK)
 
 
-def test_what_choices_bring_is_told_for_all_queries(made):
+def test_report_summarizes_all_queries(made):
     ratios = [
         each.recommendation.recommended_candidate.driven.error.value
         / each.recommendation.shortest.driven.error.value
@@ -209,7 +210,7 @@ def test_what_choices_bring_is_told_for_all_queries(made):
     assert f"{made.lost[0]:.0%} -> {made.lost[1]:.0%}" in text
 
 
-def test_maps_have_their_own_queries(costs):
+def test_recommend_paths_takes_queries_per_map(costs):
     hall = environments.make("hall", resolution=0.1)
     maps = {"corridors": costs, "hall": Costmap.blank(hall)}
     found = recommend_many(maps, {"hall": 1, "corridors": QUERIES[1:2]}, **QUICK, query_seed=4)
@@ -225,7 +226,7 @@ def test_maps_have_their_own_queries(costs):
         recommend_many(maps, {"corridors": QUERIES[:1]}, **QUICK)
 
 
-def test_queries_without_a_path_count_as_such():
+def test_report_counts_queries_without_path():
     parted = ascii_map(*["....#...."] * 4, resolution=0.5)
     ends = [((0.75, 0.75), (3.75, 0.75)), ((0.75, 0.75), (1.25, 1.25))]
     found = recommend_many(Costmap.blank(parted), ends, **QUICK)
@@ -239,7 +240,7 @@ def test_queries_without_a_path_count_as_such():
 
 
 @pytest.mark.long
-def test_fields_are_those_of_the_lidar(monkeypatch):
+def test_default_field_is_fused_for_lidar(monkeypatch):
     asked = []
 
     def field_of(grid, config, **options):
@@ -272,7 +273,7 @@ def test_fields_are_those_of_the_lidar(monkeypatch):
         ("costs", [((2.0, 3.0), (-9.0, 0.0))], {}, r"query 'query 1': goal .* outside the map"),
     ],
 )
-def test_wrong_input_is_one_line(costs, maps, queries, options, message, monkeypatch):
+def test_recommend_paths_rejects_bad_input(costs, maps, queries, options, message, monkeypatch):
     given = costs if maps == "costs" else [maps] if maps is None else maps
     monkeypatch.setattr(module, "recommend_path", None)  # before any choice
     kind = PoseError if "outside" in message else LocplanError

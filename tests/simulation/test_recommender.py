@@ -114,7 +114,8 @@ def names_of(choice):
 # Scores
 
 
-def test_each_minimised_error_is_that_of_its_part_of_the_drive():
+def test_log_errors_equal_plain_formula():
+    """The error at the goal is that of the last metre."""
     distance = np.array([0.0, 1.0, 1.5, 2.0, 2.5])
     errors = np.zeros((2, 5, 3))
     errors[0, :, :2] = [(3, 4), (0, 0), (0, 0), (0.6, 0.8), (0, 2)]
@@ -138,7 +139,7 @@ def test_each_minimised_error_is_that_of_its_part_of_the_drive():
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_candidates_are_other_paths_that_are_not_much_longer(choice):
+def test_candidates_keep_length_limit(choice):
     shortest = choice.shortest.path
     assert names_of(choice)[0] == "shortest"
     assert "clear of walls" in names_of(choice)
@@ -153,7 +154,8 @@ def test_candidates_are_other_paths_that_are_not_much_longer(choice):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_what_nav2_would_drive_is_a_candidate_with_the_robots_inflation(grid, costs):
+def test_inflated_path_uses_robot_inflation(grid, costs):
+    """It is the path that Nav2 would plan."""
     wide = dataclasses.replace(
         ROBOT, inflation=Inflation(inflation_radius=1.5, cost_scaling_factor=1.0)
     )
@@ -166,7 +168,8 @@ def test_what_nav2_would_drive_is_a_candidate_with_the_robots_inflation(grid, co
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_aware_paths_are_candidates_however_near_another_one(grid, fielded):
+def test_aware_paths_are_always_candidates(grid, fielded):
+    """They may be close to another candidate."""
     found = recommend(grid, START, GOAL, costs=fielded, weight=30.0, **QUICK)
     aware = [name for name in names_of(found) if name.startswith("aware")]
     assert "aware, weight 30" in aware
@@ -180,7 +183,7 @@ def test_aware_paths_are_candidates_however_near_another_one(grid, fielded):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_the_shortest_is_the_shortest_whatever_the_costmaps_weight(grid, fielded):
+def test_shortest_path_ignores_costmap_weight(grid, fielded):
     heavy = fielded.with_weight(50.0)
     found = recommend(grid, START, GOAL, costs=heavy, **QUICK)
     own = plan(Costmap.blank(grid, robot=0.2), START, GOAL).path
@@ -189,7 +192,7 @@ def test_the_shortest_is_the_shortest_whatever_the_costmaps_weight(grid, fielded
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
+def test_default_costmap_uses_fused_field(grid):
     found = recommend(grid, START, GOAL, **QUICK)
     assert found.costs.settings.config.estimator == Fused(ROBOT.lidar)
     assert found.costs.robot_radius == ROBOT.radius
@@ -200,7 +203,7 @@ def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_candidates_are_paths_plans_fronts_planners_and_arrays(grid, fielded):
+def test_candidates_include_arrays_fronts_and_planners(grid, fielded):
     front = pareto_front(fielded, START, GOAL)
     array = np.array([START, (3, 5), (9, 5), GOAL])
     given = {"mine": array, "front": front, "by grid": "grid"}
@@ -217,7 +220,8 @@ def test_candidates_are_paths_plans_fronts_planners_and_arrays(grid, fielded):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_a_users_paths_are_kept_whatever_their_names_and_lengths(grid, costs):
+def test_user_paths_are_never_dropped(grid, costs):
+    """They may be long, or have the name of a planned candidate."""
     long = Path([START, (1, 5), (11, 4.5), (1, 5), (11, 4.5), GOAL])
     own = dict.fromkeys(("shortest", "detour 2", "aware and clear"), long)
     found = recommend(grid, START, GOAL, costs=costs, candidates=own, **QUICK)
@@ -225,7 +229,7 @@ def test_a_users_paths_are_kept_whatever_their_names_and_lengths(grid, costs):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_choose_races_requested_paths_of_any_length(grid, costs, fielded):
+def test_requested_paths_ignore_length_limit(grid, costs, fielded):
     class Winding(AnyAngle):
         name = "winding"
 
@@ -293,14 +297,15 @@ def test_choose_verdict_ignores_length_limit(corridors):
     assert limited.path.length > 1.4 * limited.shortest.path.length
 
 
-def test_without_drives_or_a_field_the_shortest_is_taken(grid, costs):
+def test_shortest_path_wins_without_drives(grid, costs):
+    """Without a field, no path is known to be better."""
     own = {"mine": Path([START, (2.0, 1.0), (10.0, 1.0), GOAL])}
     found = recommend(grid, START, GOAL, costs=costs, candidates=own, **{**QUICK, "drives": 0})
     assert names_of(found) == ["shortest", "mine"]
     assert found.recommended_candidate is found.shortest
 
 
-def test_the_settings_that_are_compared_keep_the_robots_own_particles_and_beams():
+def test_rival_settings_keep_particles_and_beams():
     own = Amcl(max_particles=700, max_beams=31, alpha1=0.4)
     rival = RecommendationSettings().find_rival_settings(own)
     assert (rival.max_particles, rival.max_beams, rival.alpha1) == (700, 31, 0.4)
@@ -321,13 +326,13 @@ class Wrapped:
         return self.amcl.start(*about)
 
 
-def test_beside_a_filter_that_is_no_amcl_no_parameters_are_driven():
+def test_custom_filter_has_no_rival_settings():
     assert RecommendationSettings().find_rival_settings(Wrapped()) is None
     assert RecommendationSettings(rival=Amcl()).find_rival_settings(Wrapped()) is None
 
 
 @pytest.mark.long
-def test_a_choice_with_another_filter_is_loaded_with_its_name(grid, costs, tmp_path):
+def test_loaded_recommendation_names_custom_filter(grid, costs, tmp_path):
     robot = dataclasses.replace(ROBOT, filter=Wrapped())
     found = recommend(grid, START, GOAL, robot, costs=costs, drives=4)
     assert found.rival is None
@@ -341,7 +346,7 @@ def test_a_choice_with_another_filter_is_loaded_with_its_name(grid, costs, tmp_p
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_a_candidate_without_a_path_is_left_out(grid, costs):
+def test_candidate_without_path_is_dropped(grid, costs):
     no_path = plan(costs, START, (11.6, 5.6))  # it ends in the closed cell
     found = recommend(grid, START, GOAL, costs=costs, candidates={"none": no_path}, **QUICK)
     assert "none" not in names_of(found)
@@ -420,7 +425,7 @@ def test_waypoints_bind_all_candidates(grid, costs):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_limits_of_the_field_bind_all_candidates(grid, fielded):
+def test_candidates_keep_field_limits(grid, fielded):
     free = recommend(grid, START, GOAL, costs=fielded, **QUICK)
     degenerate = sorted(each.metrics.integrated_u for each in free.candidates)
     budget = 0.5 * (degenerate[0] + degenerate[-1])
@@ -439,7 +444,7 @@ def test_limits_of_the_field_bind_all_candidates(grid, fielded):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_candidates_keep_the_outline_clear_of_walls(grid, costs):
+def test_candidates_keep_outline_clear_of_walls(grid, costs):
     ends = (1.5, 3.0), (10.5, 3.0)
     long = Footprint([(0.7, 0.3), (0.7, -0.3), (-0.7, -0.3), (-0.7, 0.3)])
     robot = dataclasses.replace(ROBOT, footprint=long)
@@ -460,7 +465,7 @@ def test_candidates_keep_the_outline_clear_of_walls(grid, costs):
 # The answer
 
 
-def test_a_path_that_is_clearly_better_is_taken(better):
+def test_better_path_is_recommended(better):
     assert better.verdict == "better"
     assert better.path.length > 44
     chosen, shortest = better.recommended_candidate.driven, better.shortest.driven
@@ -613,7 +618,8 @@ def test_choice_sentence_without_path(better, status, sentence):
 
 
 @pytest.mark.long
-def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, choice):
+def test_recommendation_ignores_thread_count(grid, costs, choice):
+    """Another seed gives another recommendation."""
     again = recommend(grid, START, GOAL, costs=costs, threads=1, **QUICK)
     other = recommend(grid, START, GOAL, costs=costs, seed=2, **QUICK)
     assert again == choice
@@ -624,7 +630,7 @@ def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, ch
 
 
 @pytest.mark.parametrize("minimise", sample_cases([*MINIMISED], 0))
-def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
+def test_report_shows_minimised_error(corridors, minimise):
     found = two_ways(corridors, minimise=minimise, drives=32)
     if minimise != "heading":
         assert (
@@ -636,21 +642,22 @@ def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
 
 
 @pytest.mark.long
-def test_a_high_price_of_metres_keeps_the_shortest(corridors, better):
+def test_high_price_keeps_path_short(corridors, better):
     priced = two_ways(corridors, price=10.0)
     assert better.best
     assert priced.recommended_candidate.path.length <= 1.1 * priced.shortest.path.length
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_a_time_limit_leaves_one_look(corridors, better):
+def test_time_limit_leaves_single_look(corridors, better):
     ratio = better.judgement.ratio
     found = two_ways(corridors, time_limit=1e-9, drives=64)
     assert len(found.judgement.drives) == 8
     assert found.judgement.ratio.value == pytest.approx(ratio.value, rel=0.5)
 
 
-def test_progress_counts_the_drives_up_to_the_greatest_number(grid, costs):
+def test_progress_total_is_largest_drive_count(grid, costs):
+    """Fewer drives suffice if they decide early."""
     calls = []
     found = recommend(
         grid, START, GOAL, costs=costs, progress=lambda *at: calls.append(at), **QUICK
@@ -664,7 +671,7 @@ def test_progress_counts_the_drives_up_to_the_greatest_number(grid, costs):
 
 
 @pytest.mark.long
-def test_settings_that_gain_more_than_paths_are_named(corridors):
+def test_advice_names_better_filter_settings(corridors):
     calm = Amcl(**{f"alpha{n}": 0.02 for n in range(1, 6)}, min_particles=300, max_particles=300)
     noisy = Amcl(**{f"alpha{n}": 1.0 for n in range(1, 6)}, min_particles=300, max_particles=300)
     robot = Robot(Lidar(range=6.0), filter=noisy)
@@ -695,7 +702,7 @@ class Odometer:
     [(1.0, 0.0, False), (4.0, 0.0, True), (4.0, 1.0, False)],
     ids=["less than the path", "more than the path", "but lost"],
 )
-def test_choice_tunes_first_if_that_gains_more(better, gain, lost, is_first):
+def test_tuning_comes_first_if_better(better, gain, lost, is_first):
     """The gain is in multiples of the path's, in logarithms of paired drives."""
     path_gain = -math.log(better.judgement.ratio.value)
     shortest = better.shortest.driven
@@ -714,7 +721,7 @@ def test_choice_tunes_first_if_that_gains_more(better, gain, lost, is_first):
 
 
 @pytest.mark.parametrize(("own", "whose"), [(Odometer(), "AMCL, safe"), (Amcl(), "safe")])
-def test_tuning_advice_names_whose_settings(better, own, whose):
+def test_tuning_advice_names_filter_of_settings(better, own, whose):
     shortest = better.shortest.driven
     rival = dataclasses.replace(
         shortest, log_error=shortest.log_error - 9, lost=shortest.lost & False
@@ -725,7 +732,7 @@ def test_tuning_advice_names_whose_settings(better, own, whose):
     assert found.advice[0].startswith(f"Tune the filter first: with {whose} settings (")
 
 
-def test_an_unreachable_goal_is_a_result(grid, costs):
+def test_recommendation_reports_unreachable_goal(grid, costs):
     found = recommend(grid, START, (11.5, 5.5), costs=costs, **QUICK)
     assert (found.status, found.path, found.recommended_candidate) == ("unreachable", None, None)
     assert found.report().startswith("The goal is unreachable: no path joins start and goal")
@@ -734,7 +741,7 @@ def test_an_unreachable_goal_is_a_result(grid, costs):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_no_field_is_computed_where_none_is_needed(grid, costs):
+def test_recommend_path_computes_no_unneeded_field(grid, costs):
     def compute(*_):
         raise AssertionError
 
@@ -748,7 +755,7 @@ def test_no_field_is_computed_where_none_is_needed(grid, costs):
 # Where nothing is driven
 
 
-def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
+def test_recommendation_without_lidar_is_untested(corridors):
     grid = corridors.grid
     found = recommend(grid, (2.0, 3.0), (38.0, 3.0), costs=FieldConfig(Sad(), stride=0.5))
     assert names_of(found) == ["shortest", "localizability-aware"]
@@ -772,7 +779,7 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_a_degeneracy_of_ones_own_has_aware_paths(grid):
+def test_custom_degeneracy_has_aware_paths(grid):
     u = np.zeros(grid.shape)
     u[:14] = 1.0  # the way below the box, which is the shorter one
     costs = Costmap.from_layers(grid, u=u, e=u, robot=0.2)
@@ -788,7 +795,7 @@ def test_a_degeneracy_of_ones_own_has_aware_paths(grid):
 
 @pytest.mark.parametrize("limit", ["max_e", "budget"])
 @pytest.mark.parametrize("robot", [None, ROBOT])
-def test_limits_need_a_field(grid, costs, robot, limit):
+def test_blank_costmap_rejects_field_limits(grid, costs, robot, limit):
     with pytest.raises(ConfigError, match="no e or u to limit"):
         recommend(grid, START, GOAL, robot, costs=costs, **{limit: 1.0})
 
@@ -797,7 +804,7 @@ CAR = dataclasses.replace(ROBOT, kinematics=Kinematics(drive="car-like", turning
 
 
 @pytest.mark.long
-def test_all_candidates_of_a_car_can_be_driven_by_it(grid, costs):
+def test_car_can_drive_all_candidates(grid, costs):
     sharp = [START, (1.0, 4.6), (11.0, 4.6), GOAL]
     found = recommend(
         *(grid, (*START, 1.5), GOAL, CAR),
@@ -815,7 +822,7 @@ def test_all_candidates_of_a_car_can_be_driven_by_it(grid, costs):
 
 
 @pytest.mark.long
-def test_paths_of_an_outline_are_driven_with_and_without_headings(grid, costs):
+def test_outline_accepts_paths_without_headings(grid, costs):
     box = Footprint([(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
     robot = dataclasses.replace(ROBOT, footprint=box)
     ends = (*START, 1.5), (*GOAL, 0.5)
@@ -829,7 +836,8 @@ def test_paths_of_an_outline_are_driven_with_and_without_headings(grid, costs):
     assert paths["grid"].heading is None
 
 
-def test_paths_of_a_car_within_a_budget_are_not_driven(grid, fielded):
+def test_car_paths_within_budget_stay_untested(grid, fielded):
+    """They may turn more sharply than the car can."""
     found = recommend(grid, START, GOAL, CAR, costs=fielded, budget=50.0)
     assert found.judgement is None
     assert "turning radius" in found.answer[1]
@@ -864,7 +872,7 @@ def test_bad_input_is_one_clear_line(grid, costs, arguments, error, words):
     assert "\n" not in str(caught.value)
 
 
-def test_a_costmap_of_another_map_is_refused(grid):
+def test_recommend_path_rejects_foreign_costmap(grid):
     cells = grid.cells.copy()
     cells[50, 50] = OCCUPIED
     foreign = Costmap.blank(OccupancyGrid(cells, 0.1))
@@ -876,7 +884,7 @@ def test_a_costmap_of_another_map_is_refused(grid):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_choice_that_is_saved_is_loaded_as_it_was(better, tmp_path):
+def test_loaded_recommendation_equals_saved_recommendation(better, tmp_path):
     better.save(tmp_path / "a")
     loaded = Recommendation.load(tmp_path / "a")
     assert loaded == better
@@ -908,7 +916,7 @@ SETTINGS += "--stride", "0.5", "--set", "range=3"
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_parameters_that_work_badly_are_warned_of(run, box):
+def test_plan_warns_about_bad_parameters(run, box):
     silly = "--set", "z_hit=0.9", "--set", "z_rand=0.5"
     code, _, err = run("plan", box, *ENDS, *SETTINGS, *silly)
     assert code == 0
@@ -916,7 +924,7 @@ def test_parameters_that_work_badly_are_warned_of(run, box):
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
+def test_plan_writes_paths_tables_and_picture(run, box, tmp_path):
     params = "amcl: {ros__parameters: {alpha1: 0.1, beam_count: 3}}"
     (tmp_path / "nav2.yaml").write_text(params)
     Path([START, (2, 5), (10, 5), GOAL]).save(tmp_path / "my way?.csv")
@@ -952,7 +960,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
 
 
 @pytest.mark.long
-def test_the_command_gives_what_python_gives(run, box, grid):
+def test_plan_equals_recommend_path(run, box, grid):
     more = "--longest", "1.4", "--seed", "4", "--json"
     code, out, _ = run("plan", box, *ENDS, *SETTINGS, *more, "--field", "scan")
     assert code == 0
@@ -1010,7 +1018,7 @@ def test_plan_prints_next_command(
     assert [words[-1] for words in more] == ["--robot=tuned/nav2_params.yaml"] * (verdict == "tune")
 
 
-def test_plan_names_lidar_option_if_lidar_is_unknown(run, box):
+def test_plan_suggests_lidar_option_if_missing(run, box):
     code, out, _ = run("plan", box, *ENDS, "--stride", "0.5")
     assert code == 0
     assert out.startswith("Untested: ")
@@ -1018,7 +1026,7 @@ def test_plan_names_lidar_option_if_lidar_is_unknown(run, box):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
+def test_plan_command_reports_unreachable_goal(run, box, tmp_path):
     ends = "--start", "1,3", "--goal", "11.5,5.5"
     code, out, _ = run("plan", box, *ends, *SETTINGS, "-o", tmp_path / "out")
     assert code == 0
@@ -1045,9 +1053,8 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
         ((*ENDS, "--budget", "2", "--via", "6,5"), "a budget is for planner 'grid', without via"),
     ],
 )
-def test_bad_input_ends_the_command_before_long_work(
-    run, box, tmp_path, monkeypatch, options, words
-):
+def test_plan_rejects_bad_input_early(run, box, tmp_path, monkeypatch, options, words):
+    """No field is computed before."""
     monkeypatch.chdir(tmp_path)
     Path([START, GOAL]).save("wall.csv")
     Path([START, (1, 4)]).save("far.csv")
@@ -1065,7 +1072,8 @@ def test_bad_input_ends_the_command_before_long_work(
 # The picture
 
 
-def test_the_path_to_take_is_drawn_strongest_and_last(better):
+def test_recommended_path_is_drawn_last(better):
+    """It has the widest line, on top of the others."""
     figure = recommendation_figure(better)
     lines = [line for line in figure.axes[0].lines if line.get_linestyle() != "None"]
     widths = [line.get_linewidth() for line in lines]
@@ -1081,14 +1089,15 @@ def test_the_path_to_take_is_drawn_strongest_and_last(better):
     assert f"{len(better.candidates) - 2} other candidates" in texts
 
 
-def test_the_errors_along_the_way_are_those_of_the_drives(better):
+def test_figure_shows_error_profiles_of_drives(better):
     lower = recommendation_figure(better).axes[1]
     both = [line.get_xydata() for line in lower.lines if len(line.get_xdata()) > 2]
     for found, each in zip(both, (better.shortest, better.recommended_candidate), strict=True):
         np.testing.assert_allclose(found, each.driven.profile[:, :2])
 
 
-def test_the_errors_along_the_shortest_path_are_drawn_where_it_is_kept(better):
+def test_figure_shows_profile_of_shortest_path(better):
+    """It is the only profile if the shortest path is recommended."""
     judgement = dataclasses.replace(better.judgement, verdict="no difference")
     kept = dataclasses.replace(better, judgement=judgement)
     lower = recommendation_figure(kept).axes[1]
@@ -1096,12 +1105,12 @@ def test_the_errors_along_the_shortest_path_are_drawn_where_it_is_kept(better):
     np.testing.assert_allclose(found, better.shortest.driven.profile[:, :2])
 
 
-def test_a_loaded_choice_is_drawn_without_its_map(better, tmp_path):
+def test_loaded_recommendation_draws_without_map(better, tmp_path):
     better.save(tmp_path)
     assert len(Recommendation.load(tmp_path)._repr_png_()) > 1000
 
 
-def test_the_picture_shows_the_part_of_the_map_with_the_candidates():
+def test_crop_map_keeps_area_of_paths():
     cells = np.full((400, 600), FREE, np.uint8)
     cells[100, 150] = OCCUPIED
     large = OccupancyGrid(cells, 0.1, (5.0, -3.0, 0.3))
@@ -1115,7 +1124,7 @@ def test_the_picture_shows_the_part_of_the_map_with_the_candidates():
     assert crop_map(large, [Path(corners)]).shape == large.shape
 
 
-def test_the_filters_title_names_what_differs_from_the_defaults():
+def test_filter_title_names_changed_parameters():
     assert Amcl().title == "Nav2's defaults"
     many = {f"alpha{n}": 0.05 for n in range(1, 6)} | {"max_beams": 30, "half_cell": False}
     listed = "alpha1 0.05, alpha2 0.05, alpha3 0.05, alpha4 0.05, alpha5 0.05"
@@ -1124,7 +1133,7 @@ def test_the_filters_title_names_what_differs_from_the_defaults():
 
 
 @pytest.mark.usefixtures("one_steered_drive")
-def test_the_shortest_path_is_that_of_simulate(grid, fielded):
+def test_shortest_path_equals_path_of_simulate(grid, fielded):
     found = recommend(grid, START, GOAL, costs=fielded, **QUICK)
     paths = plan_with_shortest(fielded, START, GOAL)
     assert found.shortest.path == paths["shortest"].path
@@ -1150,7 +1159,7 @@ def with_arrivals(choice, shortest, leader):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_path):
+def test_recommended_path_has_closed_loop_drives(better, corridors, tmp_path):
     leader = better.judgement.leader
     assert better.best == leader > 0
     driven = [n for n, each in enumerate(better.candidates) if each.arrivals]
@@ -1186,7 +1195,7 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     assert all(row["arrived"] == "" for n, row in enumerate(rows) if n not in driven)
 
 
-def test_choice_names_fewer_robots_that_reach_goal(better):
+def test_answer_reports_fewer_reached_goals(better):
     assert better.best
     fewer = with_arrivals(better, 16, 14).answer
     assert fewer[0].startswith("Take 'detour 1'")
@@ -1196,7 +1205,8 @@ def test_choice_names_fewer_robots_that_reach_goal(better):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
+def test_recommendation_loads_file_of_version_1(better, tmp_path):
+    """Such a file has no closed-loop drives."""
     better.save(tmp_path / "out")
     file = tmp_path / "out" / "choice.json"
     tree = json.loads(file.read_text()) | {"version": 1}
@@ -1213,7 +1223,7 @@ def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
     assert math.isnan(old.recommended_candidate.driven.off_at_end_rate.value)
 
 
-def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):
+def test_shortest_path_reports_reached_goals(choice):
     assert choice.best == 0
     steered = [each for each in choice.candidates if each.arrivals]
     assert steered == [choice.shortest]
@@ -1239,7 +1249,8 @@ def test_report_errors_agree_with_ratios(better):
 
 
 @pytest.mark.parametrize("count", [0, 3])
-def test_report_shows_column_off_at_end_if_any(better, count):
+def test_report_shows_drives_off_at_end(better, count):
+    """The column is left out if there are none."""
     off = np.arange(8) < count
     candidates = [
         dataclasses.replace(each, driven=dataclasses.replace(each.driven, off_at_end=off))
@@ -1250,7 +1261,7 @@ def test_report_shows_column_off_at_end_if_any(better, count):
 
 
 @pytest.mark.parametrize(("shortest", "leader", "taken"), [(16, 14, True), (16, 13, False)])
-def test_a_path_by_which_fewer_robots_arrive_is_not_recommended(better, shortest, leader, taken):
+def test_guard_rejects_fewer_reached_goals(better, shortest, leader, taken):
     choice = with_arrivals(better, shortest, leader)
     assert (choice.best > 0) == taken
     assert f"{leader} of 16" in choice.reached_text
@@ -1259,7 +1270,7 @@ def test_a_path_by_which_fewer_robots_arrive_is_not_recommended(better, shortest
 
 
 @pytest.mark.long
-def test_a_thorough_choice_steers_more_drives(corridors):
+def test_thorough_setting_adds_closed_loop_drives(corridors):
     thorough = two_ways(corridors, thorough=True)
     assert [len(e.arrivals.drives) for e in thorough.candidates if e.arrivals] == [40, 40]
 
@@ -1281,7 +1292,7 @@ def test_figure_shades_places_without_features(better):
         assert count_reasons(choice) == reasons
 
 
-def test_the_picture_marks_where_robots_go_wrong(better):
+def test_figure_marks_closed_loop_failures(better):
     for choice in (better, with_arrivals(better, 14, 16), with_arrivals(better, 16, 16)):
         every = [each.arrivals for each in choice.candidates if each.arrivals]
         rows = [row for each in every for row in each.places().rows]
@@ -1294,7 +1305,8 @@ def test_the_picture_marks_where_robots_go_wrong(better):
         assert ("x" in marked) == any(each.n_reached < 16 for each in every)
 
 
-def test_all_marks_are_within_the_picture_and_below_its_ends(better):
+def test_failure_marks_stay_within_figure(better):
+    """The marks of start and goal stay on top."""
     choice = with_arrivals(better, 14, 16)
     axes = choice.figure().axes[0]
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
@@ -1312,7 +1324,7 @@ def test_all_marks_are_within_the_picture_and_below_its_ends(better):
 
 
 @pytest.mark.parametrize("width", [2.0, 4.5, 8.6])
-def test_no_line_of_a_title_has_one_word_left_over(width):
+def test_title_breaks_into_even_lines(width):
     text = "take the way around: better than the shortest, x.03 [.01, .04] of its error " * 3
     lines = break_title(text, width)
     assert " ".join(lines) == text.strip()

@@ -64,7 +64,7 @@ def open_space(metres=40.0, resolution=0.1):
     return OccupancyGrid(np.full((int(metres / resolution),) * 2, FREE), resolution)
 
 
-def test_poses_follow_the_path_and_face_ahead(two_corridors, in_room):
+def test_poses_follow_path_facing_ahead(two_corridors, in_room):
     poses = make_path_poses(in_room, two_corridors)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     assert steps.max() <= 0.05 + 1e-9
@@ -77,7 +77,7 @@ def test_poses_follow_the_path_and_face_ahead(two_corridors, in_room):
     assert make_path_poses(headed, two_corridors)[[0, -1], 2].tolist() == [1.0, 3.0]
 
 
-def test_turns_on_the_spot_take_their_time(two_corridors):
+def test_turns_in_place_have_small_steps(two_corridors):
     back = Path(np.array([[2.0, 3.0], [5.0, 3.0], [2.0, 3.0]]))
     poses = make_path_poses(back, two_corridors)
     assert abs(np.diff(poses[:, 2])).max() <= 0.1 + 1e-9
@@ -97,12 +97,12 @@ def test_turns_on_the_spot_take_their_time(two_corridors):
         ([[2.0, 3.0], [-50.0, 3.0]], "which reaches from -0.6,-0.6 to 40.6,15.2 m, at"),
     ],
 )
-def test_paths_that_cannot_be_driven_are_refused(two_corridors, xy, reason):
+def test_simulation_rejects_undrivable_path(two_corridors, xy, reason):
     with pytest.raises(LocplanError, match=reason):
         make_path_poses(Path(np.array(xy)), two_corridors)
 
 
-def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
+def test_noiseless_filter_is_exact_without_walls():
     grid = open_space()
     path = Path(np.array([[10.0, 10.0], [30.0, 12.0], [30.0, 20.0]]))
     result = simulate(
@@ -114,7 +114,7 @@ def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
     assert abs(result.drives["a"].errors).max() < 1e-9
 
 
-def test_nav2s_half_cell_moves_the_estimate_back_by_it(two_corridors, in_room):
+def test_half_cell_shifts_estimate_back(two_corridors, in_room):
     amcl = Amcl(laser_model_type="likelihood_field_prob", **dict.fromkeys(ALPHAS, 0.02))
     both = [
         simulate(
@@ -130,7 +130,7 @@ def test_nav2s_half_cell_moves_the_estimate_back_by_it(two_corridors, in_room):
     assert shifts[0] - shifts[1] == pytest.approx([-half, -half], abs=0.3 * half)
 
 
-def test_odometry_alone_drifts_where_nothing_is_seen():
+def test_odometry_drifts_without_walls():
     grid = open_space()
     path = Path(np.array([[10.0, 20.0], [30.0, 20.0]]))
     result = simulate(
@@ -146,7 +146,7 @@ def test_odometry_alone_drifts_where_nothing_is_seen():
     assert errors[:, halfway, 0] == pytest.approx(errors[:, -1, 0] / 2, rel=0.02)
 
 
-def test_walls_make_good_for_bad_odometry(two_corridors, in_room):
+def test_walls_correct_bad_odometry(two_corridors, in_room):
     poor = {"boundary_noise": 0.0, "distance_bias": 0.1, "heading_bias_deg": 5.0}
     seeing, not_seeing = (
         simulate(two_corridors, {"a": in_room}, robot=Robot(lidar).with_settings(poor), drives=20)
@@ -159,7 +159,7 @@ def test_walls_make_good_for_bad_odometry(two_corridors, in_room):
 
 
 @pytest.mark.parametrize("angle", [0.0, math.pi / 6, math.pi / 2])
-def test_in_a_corridor_the_error_lies_along_it(angle):
+def test_corridor_error_lies_along_corridor(angle):
     grid = corridor(40.0, 2.0, angle=angle, resolution=0.1)
     ahead = np.array([math.cos(angle), math.sin(angle)])
     path = Path(np.array([-6.0 * ahead, 6.0 * ahead]))
@@ -170,7 +170,7 @@ def test_in_a_corridor_the_error_lies_along_it(angle):
     assert along[:, -1].std() > 4 * across[:, -1].std()
 
 
-def test_a_map_with_yaw_gives_the_same_errors_turned(two_corridors, in_room):
+def test_errors_turn_with_map_yaw(two_corridors, in_room):
     yaw, shift = 0.7, np.array([3.0, -5.0])
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     origin = np.array(two_corridors.origin[:2])
@@ -184,7 +184,7 @@ def test_a_map_with_yaw_gives_the_same_errors_turned(two_corridors, in_room):
     assert other.errors[..., 2] == pytest.approx(plain.errors[..., 2], abs=1e-6)
 
 
-def test_results_depend_on_the_seed_and_on_nothing_else(two_corridors, in_room):
+def test_drives_depend_only_on_seed(two_corridors, in_room):
     other = Path(np.array([[2.0, 3.0], [4.0, 3.0]]))
     every = {"in room": in_room, "other": other}
     first = simulate(two_corridors, every, drives=6, threads=2).drives["other"].errors
@@ -204,7 +204,7 @@ def test_paths_may_be_arrays(two_corridors, in_room):
     assert (one == other).all()
 
 
-def test_worlds_differ_from_the_map_and_from_each_other(two_corridors):
+def test_worlds_differ_from_map(two_corridors):
     simulator = Simulator(two_corridors, robot=Robot(disturbances=Disturbances(worlds=3)))
     stops = [world[0, 1:-1, 1:-1] == 0 for world in simulator.worlds]
     walls = two_corridors.cells == OCCUPIED
@@ -243,7 +243,7 @@ def test_lost_drives_and_their_intervals(two_corridors):
     assert compute_rmse_ratio(drives, drives) == pytest.approx((1, 1, 1))
 
 
-def test_the_legend_of_a_narrow_map_is_within_the_picture():
+def test_legend_fits_figure_of_narrow_map():
     cells = np.full((160, 60), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     paths = {
@@ -257,7 +257,7 @@ def test_the_legend_of_a_narrow_map_is_within_the_picture():
     assert "localizability-aware: 15.3 m, median error" in figure.legends[0].texts[1].get_text()
 
 
-def test_where_all_drives_are_lost_none_is_left_to_tell_of():
+def test_lost_drives_leave_kept_rmse_undefined():
     poses = np.column_stack([np.linspace(0, 9, 10), np.zeros((10, 2))])
     errors = np.zeros((6, 10, 3))
     errors[:, 4, 1] = 2 * LOST_DISTANCE
@@ -282,7 +282,7 @@ def at_places(name, ends, drives):
     return simulate_queries(costs, [query], drives=drives)
 
 
-def test_the_aware_path_is_followed_better_in_two_corridors():
+def test_aware_path_helps_in_two_corridors():
     routes = at_places("two_corridors", ("start", "goal"), 16)
     assert routes.routes[0].summary["rmse_ratio"][2] < 0.6
     assert routes.lost[0] > 0.3
@@ -290,7 +290,7 @@ def test_the_aware_path_is_followed_better_in_two_corridors():
 
 
 @pytest.mark.long
-def test_the_aware_path_is_followed_better_in_the_hall():
+def test_aware_path_helps_in_hall():
     routes = at_places("hall", ("start", "goal"), 10)
     assert routes.routes[0].summary["rmse_ratio"][2] < 0.7
     assert routes.verdict == "too few queries"
@@ -307,7 +307,7 @@ def test_the_aware_path_is_followed_better_in_the_hall():
     assert about["queries"][0]["name"] == "hall"
 
 
-def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_kept(monkeypatch):
+def test_kept_rmse_skips_lost_queries(monkeypatch):
     ends = Query("a", (0, 0), (9, 0))
     routes = [
         QueryDrives(ends, (9.0, 9.0), (0.1, 0.1), lost, lost, kept, (1.0, 1.0), {})
@@ -327,7 +327,7 @@ def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_ke
     assert "100% -> 0%" in table
 
 
-def test_queries_without_a_path_are_left_out(two_corridors):
+def test_simulate_queries_skips_unreachable_goals(two_corridors):
     field = locplan.covariance_field(two_corridors, FieldConfig(Sad(range=1.0), stride=1.0))
     costs = locplan.Costmap.from_field(field, robot=0.25)
     away = np.full(two_corridors.shape, False)
@@ -348,7 +348,7 @@ def drives_with(position_errors):
     return Drives(np.zeros((errors.shape[1], 3)), errors)
 
 
-def test_a_root_mean_square_is_within_its_interval_as_often_as_it_says():
+def test_rmse_interval_has_stated_coverage():
     random, inside = np.random.default_rng(0), 0
     for _ in range(400):
         low, high = drives_with(np.sqrt(random.lognormal(0.0, 1.0, (60, 1)))).rmse[1:]
@@ -356,7 +356,7 @@ def test_a_root_mean_square_is_within_its_interval_as_often_as_it_says():
     assert 0.88 < inside / 400 < 0.98
 
 
-def test_a_ratio_of_drives_is_within_its_interval_as_often_as_it_says():
+def test_ratio_interval_has_stated_coverage():
     random, inside = np.random.default_rng(0), 0
     for _ in range(400):
         a, b = map(drives_with, random.lognormal(0.0, 1.0, (2, 60, 1)))
@@ -365,7 +365,7 @@ def test_a_ratio_of_drives_is_within_its_interval_as_often_as_it_says():
     assert 0.92 < inside / 400 < 0.98
 
 
-def test_a_median_is_within_its_interval_as_often_as_it_says():
+def test_median_interval_has_stated_coverage():
     random = np.random.default_rng(0)
     inside = plain = 0
     for _ in range(400):
@@ -423,7 +423,7 @@ NAV2 = {
 """What nav2_amcl declares (amcl_node.cpp)."""
 
 
-def test_amcl_has_the_names_and_defaults_of_nav2():
+def test_amcl_defaults_equal_nav2():
     assert dataclasses.asdict(Amcl()) == {**NAV2, "half_cell": True}
 
 
@@ -458,12 +458,12 @@ def test_impossible_filters_are_refused(changes, reason):
         ({"occlusion_deg": 400.0}, "occlusion_deg must be 0 to 360"),
     ],
 )
-def test_impossible_realities_are_refused(changes, reason):
+def test_robot_rejects_bad_disturbances(changes, reason):
     with pytest.raises(LocplanError, match=reason):
         Robot().with_settings(changes)
 
 
-def test_beams_are_thinned_out_as_amcl_does():
+def test_beams_are_thinned_like_amcl():
     grid = open_space(4.0)
     for beams, expected in ((360, 60), (61, 61), (20, 20), (1081, 61)):
         sensor = Lidar(range=6.0, field_of_view_deg=180.0, beams=beams)
@@ -507,7 +507,8 @@ def test_amcl_is_read_from_nav2s_parameters(tmp_path):
         read_amcl(file)
 
 
-def test_nothing_warns_and_bad_requests_are_refused(two_corridors, in_room):
+def test_simulate_rejects_bad_arguments(two_corridors, in_room):
+    """Good arguments give no warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         simulate(two_corridors, {"a": in_room}, drives=2)
@@ -526,7 +527,7 @@ def test_nothing_warns_and_bad_requests_are_refused(two_corridors, in_room):
 # Settings in files.
 
 
-def test_configs_come_back_from_their_files(tmp_path):
+def test_loaded_config_equals_saved_config(tmp_path):
     for n, config in enumerate(
         (
             FieldConfig(Sad(weights=Exponential(0.2), noise_level=0.3)),
@@ -557,7 +558,7 @@ def test_configs_come_back_from_their_files(tmp_path):
         ('{"estimator": {"name": "scan", "lidar": {"reach": 3}}}', "Lidar has no setting 'reach'"),
     ],
 )
-def test_configs_that_are_none_are_refused(tmp_path, text, reason):
+def test_load_config_rejects_bad_file(tmp_path, text, reason):
     (tmp_path / "c.json").write_text(text)
     with pytest.raises(LocplanError, match=reason):
         locplan.load_config(tmp_path / "c.json")

@@ -82,7 +82,7 @@ def drive_set(errors, lost):
 
 
 @pytest.mark.parametrize("lost", [(0.0, 0.0), (0.1, 0.1), (0.4, 0.4)])
-def test_verdict_rarely_prefers_one_of_two_equals(lost):
+def test_verdict_rarely_prefers_equal_drives(lost):
     count = 4000
     words = words_at_looks(1.0, count, lost=lost)
     for word in (BETTER, WORSE):
@@ -90,7 +90,7 @@ def test_verdict_rarely_prefers_one_of_two_equals(lost):
     assert 2 * words[WORSE] >= words[BETTER] - 20
 
 
-def test_verdict_finds_a_ratio_of_four_fifths():
+def test_verdict_finds_ratio_of_four_fifths():
     assert np.mean(look_at(0.8).is_better) >= 0.9
     words = words_at_looks(0.8)
     assert words[BETTER] >= 0.9 * sum(words.values())
@@ -102,7 +102,7 @@ def test_verdict_finds_fewer_lost_drives():
     assert np.mean(shown.has_fewer_lost & shown.is_better) >= 0.9
 
 
-def test_only_look_has_the_whole_error_probability():
+def test_single_look_has_full_error_probability():
     """It finds more than the last of several, and still errs as rarely as allowed."""
     assert np.mean(look_at(1.0, looks_left=None).is_better) <= 0.025
     alone, last = (np.mean(look_at(0.8, looks_left=left).is_better) for left in (None, 0))
@@ -120,7 +120,7 @@ def test_verdict_is_its_own_mirror_image():
     assert len({*one.words}) > 1
 
 
-def test_verdict_is_undecided_if_errors_and_losses_contradict():
+def test_contradicting_errors_and_losses_are_undecided():
     errors = np.linspace(-0.1, 0.1, 64)
     lost = np.arange(64) < 20
     verdict = compare_drives(drive_set(errors, ~lost & lost), drive_set(errors * 1.1 - 0.5, lost))
@@ -128,7 +128,7 @@ def test_verdict_is_undecided_if_errors_and_losses_contradict():
     assert verdict.ratio.high < 1
 
 
-def test_verdict_of_narrow_interval_is_no_difference():
+def test_narrow_interval_means_no_difference():
     errors = np.linspace(-0.3, 0.3, 64)
     alike = drive_set(errors[::-1] * 0.1 + errors, errors > 9)
     assert compare_drives(drive_set(errors, errors > 9), alike).word == NO_DIFFERENCE
@@ -144,7 +144,7 @@ def test_verdict_of_narrow_interval_is_no_difference():
     )
 
 
-def test_verdict_intervals_cover_the_truth():
+def test_verdict_intervals_cover_true_ratio():
     shown = look_at(0.8, looks_left=0)
     assert np.mean((shown.low <= math.log(0.8)) & (math.log(0.8) <= shown.high)) >= 0.975
     verdict = compare_drives(
@@ -156,7 +156,7 @@ def test_verdict_intervals_cover_the_truth():
     assert (verdict.off_at_end, verdict.reached, verdict.n_drives) == (None, None, 8)
 
 
-def test_drive_set_joins_lines_and_knows_the_end():
+def test_drive_set_joins_several_paths():
     errors = np.zeros((3, 5, 3))
     errors[0, 2, 0], errors[1, -1, 1], errors[2, -1, 0] = (
         LOST_DISTANCE + 0.5,
@@ -190,7 +190,7 @@ def confirmation(ratio, seed, limit=64):
     return drive, counts
 
 
-def test_confirm_ends_as_soon_as_it_is_decided():
+def test_confirmation_ends_at_first_decision():
     drive, counts = confirmation(0.2, 1)
     assert confirm_alternative(drive, range(64)).word == BETTER
     assert counts == [8]
@@ -203,7 +203,7 @@ def test_confirm_ends_as_soon_as_it_is_decided():
     assert confirm_alternative(drive, range(64), looks=[64]).n_drives == counts[0] == 64
 
 
-def test_confirm_rarely_prefers_one_of_two_equals():
+def test_confirmation_rarely_prefers_equal_drives():
     words = Counter(
         confirm_alternative(confirmation(1.0, n)[0], range(64)).word for n in range(1000)
     )
@@ -236,12 +236,12 @@ def choose_among(ratios, seed, drives=64):
     return run_race(drive, np.zeros(len(ratios)), 1.0, drives)
 
 
-def test_choose_rarely_recommends_one_of_eight_equals():
+def test_recommend_path_rarely_prefers_equal_paths():
     taken = [choose_among([1.0] * 9, seed).recommends_leader(bold=False) for seed in range(400)]
     assert np.mean(taken) <= 0.025
 
 
-def test_choose_agrees_with_the_verdict_on_its_drives():
+def test_recommend_path_agrees_with_verdict():
     for seed in range(30):
         (before, after), (lost, others) = draw_pairs([0.7], 16, seed, (0.1, 0.1))
 
@@ -290,17 +290,17 @@ class DrawnSite:
         return confirm_fixes((), selected, self.drive, self.many, self.fresh).kinds
 
 
-def test_check_rarely_recommends_one_of_eight_equals():
+def test_check_rarely_recommends_equal_fixes():
     recommended = [DrawnSite([1.0] * 8, seed).recommend() for seed in range(300)]
     assert np.mean([bool(kinds) for kinds in recommended]) <= 0.025
 
 
-def test_check_finds_the_fix_of_four_fifths():
+def test_check_finds_fix_of_four_fifths():
     recommended = [DrawnSite([1.0, 0.8, 1.0, 1.1], seed).recommend() for seed in range(150)]
     assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.9
 
 
-def test_check_finds_the_fix_that_loses_fewer_drives():
+def test_check_finds_fix_with_fewer_losses():
     lost = [0.4, 0.4, 0.05]
     recommended = [DrawnSite([1.0, 1.0], seed, lost).recommend() for seed in range(60)]
     assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.9
@@ -324,7 +324,7 @@ def test_check_combines_fixes_that_add_up():
     assert np.mean([bool(kinds - {"1", "2"}) for kinds in recommended]) <= 0.05
 
 
-def test_check_leaves_out_fix_that_adds_nothing():
+def test_check_drops_fix_without_extra_gain():
     """On a `DrawnSite` fixes do not add up: the better one alone is as good as both."""
     sites = [DrawnSite([0.5, 0.3], seed) for seed in range(60)]
     selected = [select_fixes((), ["1", "2"], site.drive, site.many) for site in sites]
@@ -400,7 +400,7 @@ MENDING = "locplan.advice.map_repair.drive_open"
         pytest.param(words_of_mend, 800, marks=pytest.mark.long),
     ],
 )
-def test_landmarks_and_mend_err_as_rarely_as_the_verdict(monkeypatch, words_of, count):
+def test_landmarks_and_repair_err_rarely(monkeypatch, words_of, count):
     words = words_of(monkeypatch, 1.0, count, 32)
     assert words[BETTER] <= 0.025 * count
     assert words[BETTER] + words[WORSE] <= 0.05 * count
@@ -409,7 +409,7 @@ def test_landmarks_and_mend_err_as_rarely_as_the_verdict(monkeypatch, words_of, 
     assert words[BETTER] >= 0.9 * count
 
 
-def test_callers_agree_on_the_same_drives():
+def test_check_and_landmarks_agree_with_verdict():
     """`check` and `landmarks` read the same pairs, and return the words of the verdict."""
     seen = set()
     for seed, ratio in enumerate([1.0, 0.9, 0.8, 0.7, 0.5, 1.5] * 3):
@@ -455,19 +455,19 @@ def drawn_tuning(ratios, seed):
     return choose_preset(user_settings, [LevelCase("usual", drive, (64,))], [LINE]).name
 
 
-def test_tune_rarely_recommends_one_of_three_equals():
+def test_tune_rarely_recommends_equal_presets():
     """Both presets equal the user's settings."""
     recommended = [drawn_tuning([1.0] * 3, seed) for seed in range(400)]
     assert np.mean([name != USER_SETTINGS for name in recommended]) <= 0.025
 
 
-def test_tune_finds_the_preset_of_four_fifths():
+def test_tune_finds_preset_of_four_fifths():
     ratios = {"safe": [1.0, 1.0, 0.8], "precise": [1.0, 0.8, 1.0]}
     hits = [drawn_tuning(of, seed) == name for name, of in ratios.items() for seed in range(600)]
     assert np.mean(hits) >= 0.9
 
 
-def test_verdict_finds_drives_off_at_end_more_often():
+def test_has_more_off_needs_significant_difference():
     """Seven more that are off suffice, six do not, nor do equally many others that return."""
     errors, none = np.zeros(64), np.zeros(64, bool)
 
@@ -482,7 +482,7 @@ def test_verdict_finds_drives_off_at_end_more_often():
     assert not compare_drives(DriveSet(errors, none), DriveSet(errors, none)).has_more_off
 
 
-def test_drives_are_rarely_off_if_few_are():
+def test_drives_are_rarely_off_below_limit():
     """At least a fifth would be off in all of so few drives with 3 % at most."""
 
     def drives_with(n_off, n_drives):
