@@ -58,12 +58,12 @@ def drawn(*lines):
 
 
 @pytest.mark.parametrize("density", [0.0, 0.02, 0.3, 1.0])
-def test_empty_squares_are_those_of_the_oracle(density):
+def test_empty_squares_equal_oracle(density):
     stops = random_stops((13, 17), seed=3, density=density)
     np.testing.assert_array_equal(compute_empty_squares(stops), oracles.beams.empty_squares(stops))
 
 
-def test_long_empty_squares_are_cut_at_a_byte():
+def test_empty_squares_are_limited_to_255():
     squares = compute_empty_squares(np.zeros((600, 400), bool))
     assert squares.max() == 255
     assert cast_ray(squares, 0.5, 0.5, 1.0, 0.0, FAR)[0] == math.inf
@@ -85,7 +85,7 @@ def assert_between_oracles(stops, squares, row, col, drow, dcol, max_range=FAR):
 
 
 @pytest.mark.parametrize("density", [0.01, 0.08, 0.4])
-def test_rays_at_random_are_exact(density):
+def test_random_rays_equal_oracle(density):
     rng = np.random.default_rng(11)
     decided = 0
     for seed in range(6):
@@ -113,7 +113,7 @@ EXACT_DIRECTIONS = [
 
 @pytest.mark.parametrize("shift", [(0.5, 0.5), (0.0, 0.5), (0.5, 0.0), (0.0, 0.0)])
 @pytest.mark.parametrize("by_angle", [False, True])
-def test_rays_along_edges_and_through_corners(shift, by_angle):
+def test_edge_and_corner_rays_equal_oracle(shift, by_angle):
     for seed in range(3):
         stops = random_stops((8, 7), seed, 0.15)
         squares = compute_empty_squares(stops)
@@ -127,7 +127,7 @@ def test_rays_along_edges_and_through_corners(shift, by_angle):
                     assert_between_oracles(stops, squares, *start, drow, dcol)
 
 
-def test_an_edge_belongs_to_the_upper_cell():
+def test_ray_on_edge_hits_upper_cell():
     stops = drawn("....#", ".....", "#....")  # row 2, 1, 0
     squares = compute_empty_squares(stops)
     assert cast_ray(squares, 2.0, 0.5, 0.0, 1.0, FAR) == (3.5, 2, 4)
@@ -138,7 +138,7 @@ def test_an_edge_belongs_to_the_upper_cell():
 
 @pytest.mark.parametrize("quarters", range(4))
 @pytest.mark.parametrize("jitter", [0.0, 1e-16, -1e-16, 1e-12])
-def test_a_diagonal_wall_does_not_leak(quarters, jitter):
+def test_ray_does_not_cross_diagonal_wall(quarters, jitter):
     stops = np.rot90(np.eye(40, dtype=bool), quarters)
     squares = compute_empty_squares(stops)
     away = math.pi / 4 + math.pi / 2 * quarters + math.pi / 2 + jitter
@@ -153,7 +153,7 @@ def test_a_diagonal_wall_does_not_leak(quarters, jitter):
 
 
 @pytest.mark.parametrize("lost", ["outside", "maximum", "map's edge"])
-def test_no_return(lost):
+def test_ray_without_hit_has_infinite_range(lost):
     squares = compute_empty_squares(drawn("....#", "....."))
     start, max_range = {
         "outside": ((1.5, -0.5), FAR),
@@ -164,11 +164,11 @@ def test_no_return(lost):
     assert cast_ray(squares, 1.5, 0.5, 0.0, 1.0, 3.5) == (3.5, 1, 4)
 
 
-def test_within_a_wall_the_range_is_zero():
+def test_range_is_zero_inside_wall():
     assert cast_ray(compute_empty_squares(drawn(".#.")), 0.5, 1.5, 0.0, 1.0, FAR) == (0.0, 0, 1)
 
 
-def test_leaps_change_nothing_on_large_maps():
+def test_ray_leaps_equal_single_steps():
     """Against squares of one cell, which are Amanatides and Woo's steps."""
     stops = np.zeros((300, 500), bool)
     stops[:, [0, 499]] = stops[[0, 299]] = True
@@ -197,7 +197,7 @@ def error_deg(normals, x, y):
 
 @pytest.mark.parametrize("thickness", [1.0, 1.42, 2.0, 3.0])
 @pytest.mark.parametrize("degrees", range(0, 91, 7))
-def test_normals_of_straight_walls(degrees, thickness):
+def test_normals_are_perpendicular_to_straight_walls(degrees, thickness):
     x, y = cells(160, 1.0)
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     across, along = cos * y - sin * x + 0.37, cos * x + sin * y
@@ -209,7 +209,7 @@ def test_normals_of_straight_walls(degrees, thickness):
 
 
 @pytest.mark.parametrize("radius", [20, 40, 80])
-def test_normals_of_round_walls(radius):
+def test_normals_are_radial_on_round_walls(radius):
     x, y = cells(200, 1.0)
     distance = np.hypot(x, y)
     occupied = abs(distance - radius) <= 1
@@ -219,7 +219,7 @@ def test_normals_of_round_walls(radius):
     assert np.quantile(error, 0.95) < 4
 
 
-def test_normals_are_unit_vectors_on_occupied_cells_only():
+def test_only_occupied_cells_have_unit_normals():
     occupied = random_stops((60, 70), 9, 0.1)
     lengths = np.linalg.norm(find_surface_normals(occupied), axis=-1)
     np.testing.assert_allclose(lengths[lengths > 0], 1, rtol=1e-6)
@@ -227,13 +227,13 @@ def test_normals_are_unit_vectors_on_occupied_cells_only():
     assert (lengths[occupied] > 0).mean() > 0.99
 
 
-def test_a_lone_post_faces_no_way():
+def test_isolated_cell_has_no_normal():
     occupied = np.zeros((21, 21), bool)
     occupied[10, 10] = True
     assert not find_surface_normals(occupied).any()
 
 
-def test_a_wall_that_leaves_the_map_is_straight_to_its_end():
+def test_normals_are_exact_at_map_edge():
     occupied = np.zeros((30, 40), bool)
     occupied[15:17] = True
     occupied[29] = True
@@ -241,7 +241,7 @@ def test_a_wall_that_leaves_the_map_is_straight_to_its_end():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_information_is_that_of_finite_differences(seed, of_ranges):
+def test_fisher_information_equals_finite_differences(seed, of_ranges):
     rng = np.random.default_rng(seed)
     occupied = random_stops((24, 30), seed, 0.06)
     normals = find_surface_normals(occupied)
@@ -311,7 +311,7 @@ def rectangle(width, height, turned):
 
 @pytest.mark.parametrize("turned", [0.0, 0.3, math.pi / 4, 1.2])
 @pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (0.4, -0.2, 0.5)])
-def test_a_room_on_the_grid_is_the_room_itself(turned, mount, of_ranges):
+def test_information_on_grid_approximates_exact_room(turned, mount, of_ranges):
     width, height, resolution, size = 6.0, 4.0, 0.05, 200
     x, y = cells(size, resolution)
     cos, sin = math.cos(turned), math.sin(turned)
@@ -329,7 +329,7 @@ def test_a_room_on_the_grid_is_the_room_itself(turned, mount, of_ranges):
         assert np.abs(shares - 1).max() < tolerance
 
 
-def test_a_square_room_in_closed_form(of_ranges):
+def test_square_room_information_equals_closed_form(of_ranges):
     """Each wall at distance a sees a quarter of the beams, with lever arms of a tan.
 
     A range counts 1 / cos^2 of an end.
@@ -349,7 +349,7 @@ def test_a_square_room_in_closed_form(of_ranges):
 
 
 @pytest.mark.parametrize("degrees", [0, 90])
-def test_a_corridor_says_nothing_along_its_axis(degrees, of_ranges):
+def test_corridor_has_no_information_along_axis(degrees, of_ranges):
     occupied = np.zeros((401, 401), bool)
     occupied[[180, 181, 220, 221]] = True
     if degrees:
@@ -376,20 +376,20 @@ def worst_sd(information, sigma=0.03):
 
 
 @pytest.mark.parametrize("degrees", [7, 13, 30, 44, 71])
-def test_a_slanting_corridor_says_little_along_its_axis(degrees, of_ranges):
+def test_position_is_uncertain_in_slanting_corridor(degrees, of_ranges):
     occupied = slanting_corridor(degrees)
     found = at_pose(occupied, 0.05, 200, 200, 0.3, lidar(max_range=6.0), of_ranges)
     assert worst_sd(found) > 1.0
 
 
 @pytest.mark.parametrize("degrees", [0, 7, 13, 30, 44, 71])
-def test_door_frames_fix_the_position_along_a_corridor(degrees, of_ranges):
+def test_door_frames_fix_position_in_corridor(degrees, of_ranges):
     occupied = slanting_corridor(degrees, frames=0.15)
     found = at_pose(occupied, 0.05, 200, 200, 0.3, lidar(max_range=6.0), of_ranges)
     assert worst_sd(found) < 0.03
 
 
-def test_a_round_room_says_nothing_of_the_heading_in_its_centre(of_ranges):
+def test_heading_is_uncertain_at_round_centre(of_ranges):
     x, y = cells(240, 0.05)
     distance = np.hypot(x, y)
     found = at_pose(distance > 4, 0.05, 120, 120, 0.7, lidar(), of_ranges)
@@ -400,7 +400,7 @@ def test_a_round_room_says_nothing_of_the_heading_in_its_centre(of_ranges):
     assert off_centre[2, 2] > 5 * found[2, 2]
 
 
-def test_without_a_return_there_is_no_information(of_ranges):
+def test_information_is_zero_without_returns(of_ranges):
     occupied = np.zeros((50, 50), bool)
     occupied[:, 49] = True
     for col, beams in (
@@ -421,7 +421,7 @@ def near_and_far_wall():
 
 
 @pytest.mark.parametrize(("least", "returned"), [(0.9, 2), (0.96, 1), (2.9, 1), (3.0, 0)])
-def test_a_return_below_the_least_range_is_none(least, returned, of_ranges):
+def test_returns_below_min_range_are_ignored(least, returned, of_ranges):
     occupied, ahead_and_back = near_and_far_wall(), lidar([0.0, math.pi], min_range=least)
     walls = np.zeros((*occupied.shape, 2), np.float32)
     walls[..., 1] = occupied
@@ -444,7 +444,7 @@ def measured(occupied, beams, seed, **disturbances):
     return np.hypot(*ends.T) * 0.1
 
 
-def test_what_is_measured_counts_for_the_least_range():
+def test_min_range_applies_to_measured_range():
     """Noise takes some returns of a wall at just the least range below it, and some not."""
     occupied, left = near_and_far_wall(), np.full(400, math.pi)
     all_of_them = measured(occupied, lidar(left, sigma=0.02), seed=3)
@@ -453,7 +453,7 @@ def test_what_is_measured_counts_for_the_least_range():
     np.testing.assert_array_equal(at, np.where(all_of_them < 1.0, np.nan, all_of_them))
 
 
-def test_a_wall_below_the_least_range_hides_what_lies_behind_it():
+def test_wall_below_min_range_blocks_beam():
     occupied, left = near_and_far_wall(), np.full(9, math.pi)
     beams = lidar(left, sigma=1e-9, min_range=1.05)
     for seed in range(20):
@@ -461,7 +461,7 @@ def test_a_wall_below_the_least_range_hides_what_lies_behind_it():
         assert np.isnan(measured(occupied, beams, seed, **behind)).all()
 
 
-def test_ends_move_along_their_beams_as_in_the_plain_loop():
+def test_noisy_ends_equal_plain_loop():
     levels, rng = random_rooms((30, 36), seed=13), np.random.default_rng(4)
     angles, noise = rng.uniform(-3, 3, 60), rng.normal(0, 0.2, (60, 2))
     sensor = Settings(
@@ -482,7 +482,7 @@ def test_ends_move_along_their_beams_as_in_the_plain_loop():
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
-def test_a_quarter_turn_of_everything_turns_the_information(quarters, of_ranges):
+def test_information_turns_with_map_and_pose(quarters, of_ranges):
     occupied = random_stops((60, 60), 21, 0.02)
     occupied[[0, 59]] = occupied[:, [0, 59]] = True
     beams = lidar(FULL_CIRCLE + 0.1, 0.15, -0.1, 0.3, max_range=5.0)
@@ -501,7 +501,7 @@ def test_a_quarter_turn_of_everything_turns_the_information(quarters, of_ranges)
     )
 
 
-def test_a_mounted_lidar_is_a_lidar_there_seen_from_here(of_ranges):
+def test_mount_transforms_information_by_lever_arm(of_ranges):
     occupied = random_stops((60, 60), 22, 0.02)
     forward, left, yaw, heading = 0.35, -0.2, 0.6, 1.1
     cos, sin = math.cos(heading), math.sin(heading)
@@ -514,14 +514,15 @@ def test_a_mounted_lidar_is_a_lidar_there_seen_from_here(of_ranges):
     np.testing.assert_allclose(mounted, moves.T @ there @ moves, rtol=1e-9, atol=1e-6)
 
 
-def test_a_full_circle_of_beams_knows_no_heading(of_ranges):
+def test_full_circle_information_ignores_heading(of_ranges):
     occupied = random_stops((60, 60), 23, 0.02)
     one = at_pose(occupied, 0.1, 30.2, 30.4, 0.0, lidar(), of_ranges)
     other = at_pose(occupied, 0.1, 30.2, 30.4, math.radians(90), lidar(), of_ranges)
     np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(one).max())
 
 
-def test_a_batch_is_its_single_poses_and_can_be_stopped(of_ranges):
+def test_batch_information_equals_single_poses(of_ranges):
+    """A stopped batch returns NaN."""
     occupied = random_stops((60, 60), 25, 0.02)
     squares, normals, beams = (
         compute_empty_squares(occupied),

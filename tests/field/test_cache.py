@@ -31,13 +31,13 @@ def names(folder) -> list[str]:
     return [entry.metadata["map"] for entry in list_cache_entries(folder)]
 
 
-def test_entries_come_by_their_last_use(three, tmp_path):
+def test_cache_lists_last_used_entry_first(three, tmp_path):
     assert names(tmp_path) == ["rooms 1", "rooms 2", "rooms 3"]
     os.utime(three[1])
     assert names(tmp_path) == ["rooms 2", "rooms 1", "rooms 3"]
 
 
-def test_entries_know_their_kind_size_and_share(three, tmp_path):
+def test_cache_entry_describes_saved_field(three, tmp_path):
     entry = list_cache_entries(tmp_path)[0]
     assert entry.path == three[0]
     assert entry.size == three[0].stat().st_size
@@ -45,7 +45,7 @@ def test_entries_know_their_kind_size_and_share(three, tmp_path):
     assert "field rooms 1 sad, disc" in " ".join(format_cache_table([entry], tmp_path).split())
 
 
-def test_the_least_recently_used_go_first(three, tmp_path):
+def test_eviction_removes_least_recently_used_field(three, tmp_path):
     size = sum(path.stat().st_size for path in three[:2])
     cache.evict_results(tmp_path, size, three[0])
     assert names(tmp_path) == ["rooms 1", "rooms 2"]
@@ -53,14 +53,15 @@ def test_the_least_recently_used_go_first(three, tmp_path):
     assert names(tmp_path) == ["rooms 2"]
 
 
-def test_a_new_field_drives_out_an_old_one(three, tmp_path, monkeypatch):
+def test_new_field_evicts_older_fields(three, tmp_path, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE_SIZE", str(three[0].stat().st_size))
     grid = OccupancyGrid(random_rooms((40, 50), seed=9), 0.1, name="new")
     load_or_compute(grid, QUICK, cache_dir=tmp_path)
     assert names(tmp_path) == ["new"]
 
 
-def test_what_is_being_computed_stays(three, tmp_path):
+def test_clear_cache_keeps_locked_field(three, tmp_path):
+    """Another process may be computing it."""
     with cache.make_lock(three[1]):
         removed, busy = cache.clear_cache(tmp_path, 0)
     assert [entry.path for entry in busy] == [three[1]]
@@ -68,12 +69,12 @@ def test_what_is_being_computed_stays(three, tmp_path):
     assert names(tmp_path) == ["rooms 2"]
 
 
-def test_only_what_was_not_used_for_so_long_is_removed(three, tmp_path):
+def test_clear_cache_keeps_recently_used_field(three, tmp_path):
     cache.clear_cache(tmp_path, 2)
     assert names(tmp_path) == ["rooms 1"]
 
 
-def test_unreadable_entries_are_listed_and_removed(three, tmp_path):
+def test_cache_lists_and_removes_unreadable_entries(three, tmp_path):
     three[0].write_text("{")
     for suffix in (".parts", ".zarr", ".kept"):
         (tmp_path / ("0" * 32 + suffix)).mkdir()
@@ -86,7 +87,8 @@ def test_unreadable_entries_are_listed_and_removed(three, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["locks"]
 
 
-def test_leftovers_of_killed_processes_are_removed_but_not_those_of_live_ones(three, tmp_path):
+def test_cache_removes_only_abandoned_temporary_folders(three, tmp_path):
+    """A live process holds its temporary folder."""
     abandoned = tmp_path / ".locplan-tmp-a1b2c3d4"
     (abandoned / "c").mkdir(parents=True)
     others = [tmp_path / name for name in (".locplan-tmp-a1b2", ".locplan-settings")]
@@ -100,7 +102,7 @@ def test_leftovers_of_killed_processes_are_removed_but_not_those_of_live_ones(th
     assert not list(tmp_path.glob(".locplan-tmp-????????"))
 
 
-def test_nothing_of_anybody_elses_is_touched(three, tmp_path):
+def test_cache_keeps_unknown_files(three, tmp_path):
     for name in ("mine.npz", f"{'a' * 31}.npz", f"{'a' * 32}.csv", "a" * 32):
         (tmp_path / name).write_text("{}")
         os.utime(tmp_path / name, (0, 0))
@@ -110,7 +112,7 @@ def test_nothing_of_anybody_elses_is_touched(three, tmp_path):
     assert list_cache_entries(tmp_path) == []
 
 
-def test_one_that_cannot_be_removed_does_not_keep_the_rest(three, tmp_path, monkeypatch):
+def test_eviction_continues_after_failed_removal(three, tmp_path, monkeypatch):
     remove = cache.remove_entry
 
     def all_but_one(field):
@@ -135,19 +137,20 @@ def test_one_that_cannot_be_removed_does_not_keep_the_rest(three, tmp_path, monk
         ("2GiB", 2 << 30),
     ],
 )
-def test_the_limit_is_read(text, size, monkeypatch):
+def test_cache_limit_accepts_byte_units(text, size, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE_SIZE", text)
     assert cache.cache_limit() == size
 
 
 @pytest.mark.parametrize("text", ["much", "-1", "5 EB", "GB", "9" * 400])
-def test_a_limit_that_is_none_is_refused(text, monkeypatch):
+def test_cache_limit_rejects_invalid_text(text, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE_SIZE", text)
     with pytest.raises(ConfigError, match="LOCPLAN_CACHE_SIZE"):
         cache.cache_limit()
 
 
-def test_the_folder_is_the_argument_then_the_environment_then_the_users(tmp_path, monkeypatch):
+def test_cache_folder_prefers_argument_over_environment(tmp_path, monkeypatch):
+    """Without either, it is the user's cache folder."""
     assert cache.cache_folder(tmp_path / "a") == tmp_path / "a"
     monkeypatch.setenv("LOCPLAN_CACHE", os.fspath(tmp_path / "b"))
     assert cache.cache_folder() == tmp_path / "b"
@@ -187,7 +190,9 @@ def test_damaged_result_is_computed_again(tmp_path, caplog):
     assert number_in(tmp_path, None) == 8
 
 
-def test_parts_of_result_stay_until_it_is_saved(tmp_path):
+def test_interrupted_result_resumes_from_parts(tmp_path):
+    """The parts are removed when the result is saved."""
+
     def interrupted(parts):
         parts.mkdir()
         (parts / "1").write_text("7")
@@ -200,7 +205,8 @@ def test_parts_of_result_stay_until_it_is_saved(tmp_path):
     assert [entry.path.name for entry in list_cache_entries(tmp_path)] == [f"{KEY}.npz"]
 
 
-def test_result_without_parts_if_cache_is_a_file(tmp_path, caplog):
+def test_unwritable_cache_is_logged_once(tmp_path, caplog):
+    """Each result is still computed, without a folder for parts."""
     (tmp_path / "file").write_text("")
     for _ in range(2):
         assert number_in(tmp_path / "file", lambda parts: 7 if parts is None else 8) == 7

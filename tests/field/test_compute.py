@@ -52,7 +52,7 @@ def test_cluster_computes_same_field(start_client, grid, monkeypatch):
 
 
 @pytest.mark.long
-def test_a_worker_killed_mid_run_costs_nothing_but_time(start_client, grid, tmp_path, monkeypatch):
+def test_field_is_complete_after_killed_worker(start_client, grid, tmp_path, monkeypatch):
     monkeypatch.setattr("locplan.field.tiles.TILE", 8)
     expected = covariance_field(grid, CONFIG)
     killed = []

@@ -43,7 +43,7 @@ from locplan.simulation.problem import RecommendationSettings
         ),
     ],
 )
-def test_settings_out_of_range_are_named(make, message):
+def test_settings_error_names_setting(make, message):
     with pytest.raises(ConfigError, match=re.escape(message)):
         make()
 
@@ -98,32 +98,34 @@ def test_settings_survive_json(config):
         ({"strides": 0.2}, "FieldConfig has no setting 'strides'"),
     ],
 )
-def test_settings_that_an_estimator_does_not_read_are_refused(settings, message):
+def test_config_rejects_unknown_settings(settings, message):
     with pytest.raises(ConfigError, match=re.escape(message)):
         FieldConfig.from_json(settings)
 
 
-def test_the_papers_preset_is_eq_8_to_10_as_printed():
+def test_paper_preset_follows_printed_equations():
+    """Equations 8 to 10 of the paper."""
     paper = Sad.paper()
     assert paper.weights == InverseSquare()
     assert not paper.quantisation
     assert paper.noise_level == 1.0
 
 
-def test_tau_follows_the_template_unless_set():
+def test_default_tau_depends_on_template():
     assert Sad().tau == 0.57
     assert Sad(template="visible").tau == 0.23
     assert Sad(weights=Exponential(0.4), template="visible").tau == 0.4
     assert Sad.paper().tau == math.inf
 
 
-def test_whole_numbers_make_the_same_config():
+def test_config_ignores_number_type():
     assert repr(FieldConfig(Sad(range=8), stride=np.float32(0.5))) == repr(
         FieldConfig(Sad(range=8.0), stride=0.5)
     )
 
 
-def test_window_has_the_papers_lattice_at_5_cm():
+def test_default_window_equals_paper_lattice():
+    """At 5 cm per cell, a step is 4 cells."""
     window = FieldConfig().estimator.window.to_lattice(0.05)
     assert window.step_cells == 4
     np.testing.assert_allclose(window.offsets, np.arange(-10, 11) * 0.2)
@@ -131,31 +133,32 @@ def test_window_has_the_papers_lattice_at_5_cm():
 
 
 @pytest.mark.parametrize("resolution", [0.01, 0.03, 0.0504, 0.1, 0.25, 1.0])
-def test_window_is_whole_cells_at_any_resolution(resolution):
+def test_window_step_is_whole_cells(resolution):
     window = FieldConfig().estimator.window.to_lattice(resolution)
     assert window.step_cells >= 1
     assert window.offsets[-1] == pytest.approx(2.0, abs=window.step / 2)
     assert 0.0 in window.offsets
 
 
-def test_cells_larger_than_the_window_are_refused():
+def test_window_rejects_larger_cells():
     with pytest.raises(ConfigError, match="larger window"):
         FieldConfig().estimator.window.to_lattice(5.0)
 
 
-def test_without_rotation_poses_have_two_dimensions():
+def test_window_without_rotation_has_two_dimensions():
     window = SearchWindow(half_rotation_deg=0).to_lattice(0.05)
     assert window.angles.tolist() == [0.0]
     assert window.uniform_covariance.shape == window.quantisation.shape == (2, 2)
 
 
-def test_uniform_covariance_is_that_of_the_offsets():
+def test_uniform_covariance_equals_offset_variances():
     window = FieldConfig().estimator.window.to_lattice(0.05)
     expected = [window.offsets.var(), window.offsets.var(), window.angles.var()]
     np.testing.assert_allclose(np.diag(window.uniform_covariance), expected)
 
 
-def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
+def test_lidar_estimators_have_fitted_defaults():
+    """The values were fitted to real lasers."""
     fused = Fused(BEAMS)
     window = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
     assert fused.fisher == Fisher(
@@ -203,6 +206,6 @@ def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
         (RecommendationSettings, (1.5, False, 0.3, 64, False, False)),
     ],
 )
-def test_default_settings_stay_as_they_were_published(kind, numbers):
+def test_default_settings_equal_published_values(kind, numbers):
     defaults = [each.default for each in dataclasses.fields(kind)]
     assert tuple(each for each in defaults if isinstance(each, (int, float))) == numbers

@@ -81,7 +81,7 @@ def with_covariance(*diagonal: float, **cells: float) -> Callable[..., object]:
     return change
 
 
-def test_a_setting_with_another_default_keeps_its_limits():
+def test_changed_default_keeps_setting_limits():
     @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
     class Sure(Own):
         noise_level: float = 0.5
@@ -119,7 +119,7 @@ def test_a_setting_with_another_default_keeps_its_limits():
     ],
 )
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_what_is_no_covariance_is_refused_in_one_line(grid, change, complaint):
+def test_field_rejects_invalid_estimator_values(grid, change, complaint):
     assert complaint in refused(grid, own(change))
 
 
@@ -132,11 +132,11 @@ def test_what_is_no_covariance_is_refused_in_one_line(grid, change, complaint):
         lambda v, _: v | {"row": v["row"].astype(int)},
     ],
 )
-def test_rounding_and_perfect_matches_are_let_pass(grid, change):
+def test_field_accepts_rounding_and_zero_covariance(grid, change):
     assert locplan.covariance_field(grid, own(change)).is_evaluated.sum() == 224
 
 
-def test_later_tiles_are_checked_too(grid):
+def test_field_checks_values_of_later_tiles(grid):
     def change(values, part):
         return with_covariance(*[np.nan if (part.rows > 6).any() else 0.1] * 3)(values, part)
 
@@ -144,7 +144,7 @@ def test_later_tiles_are_checked_too(grid):
     assert "row 7, column 1 of the map has a covariance that" in refused(grid, slow, threads=1)
 
 
-def test_several_headings_are_checked_like_one(grid):
+def test_field_checks_values_of_every_heading(grid):
     def change(values, part):
         several = {name: np.repeat(each[:, None], 8, axis=1) for name, each in values.items()}
         # A cell of the map, not of a tile: threads finish the tiles in any order.
@@ -169,7 +169,7 @@ def around(distance: int) -> Callable[..., object]:
     return change
 
 
-def test_a_halo_that_is_too_small_is_refused(grid):
+def test_halo_check_rejects_too_small_halo(grid):
     expected = "of the map change with the map beyond the halo of 2 cells; let halo() reach"
     for distance in (3, 4, 20):
         assert expected in refused(grid, own(around(distance)))
@@ -178,7 +178,7 @@ def test_a_halo_that_is_too_small_is_refused(grid):
     assert locplan.covariance_field(grid, own(around(2))).is_evaluated.sum() == 224
 
 
-def test_a_look_far_beyond_the_halo_is_noticed(grid):
+def test_halo_check_detects_distant_cells(grid):
     def change(values, part):
         cols = part.cols - part.corner[1] + 10
         inside = cols < part.levels.shape[1]
@@ -189,7 +189,7 @@ def test_a_look_far_beyond_the_halo_is_noticed(grid):
     assert "beyond the halo of 2 cells" in refused(grid, own(change))
 
 
-def test_a_halo_is_checked_at_the_last_cells_too(grid):
+def test_halo_check_covers_last_cells(grid):
     def change(values, part):
         sound, wrong = values | {}, around(3)({**values, "row": values["row"].copy()}, part)
         return sound | {"row": np.where(part.rows > 6, wrong["row"], sound["row"])}
@@ -197,11 +197,11 @@ def test_a_halo_is_checked_at_the_last_cells_too(grid):
     assert "row 8, column 28 of the map change" in refused(grid, own(change))
 
 
-def test_a_halo_is_checked_where_nothing_is_near():
+def test_halo_check_works_without_walls():
     assert "beyond the halo of 2 cells" in refused(ascii_map(*["." * 30] * 30), own(around(3)))
 
 
-def test_a_halo_of_an_estimator_that_prepares_the_map_is_checked_too(grid):
+def test_halo_check_covers_prepared_map(grid):
     def change(values, part):
         return values | {"row": np.full(len(part.rows), float(part.prepared))}
 
@@ -213,19 +213,20 @@ def test_a_halo_of_an_estimator_that_prepares_the_map_is_checked_too(grid):
     assert locplan.covariance_field(grid, sound).is_evaluated.sum() == 224
 
 
-def test_random_values_are_refused(grid):
+def test_halo_check_rejects_random_values(grid):
     random = np.random.default_rng(5)
     noisy = own(lambda v, p: v | {"row": random.normal(size=len(p.rows))})
     assert "draw no random numbers" in refused(grid, noisy)
 
 
-def test_a_halo_is_a_whole_number(grid):
+def test_halo_must_be_whole_number(grid):
     for halo in (2.0, -1, None):
         estimator = own(lambda values, _: values, halo=lambda self, *_: halo)  # noqa: B023
         assert "halo() of estimator 'own' must be a whole number" in refused(grid, estimator)
 
 
-def test_our_estimators_are_computed_once_at_each_cell(grid, monkeypatch):
+def test_built_in_estimator_computes_cells_once(grid, monkeypatch):
+    """Only a user's estimator is computed again to check its halo."""
     cells = []
     compute = locplan.Sad.covariances
 
@@ -258,7 +259,8 @@ def sound(grid, monkeypatch) -> locplan.CovarianceField:
         ("covariance", (1, 2, 0, 0), -1.0, "row 2, column 4 of the map has a covariance with a"),
     ],
 )
-def test_a_field_that_could_not_be_loaded_is_not_saved(sound, tmp_path, name, at, value, complaint):
+def test_save_rejects_invalid_field(sound, tmp_path, name, at, value, complaint):
+    """Such a file could not be loaded."""
     assert saved(tmp_path, sound).config == sound.config
     values = {key: array.copy() for key, array in sound.values.items()}
     values[name][at] = value
@@ -271,9 +273,9 @@ def test_a_field_that_could_not_be_loaded_is_not_saved(sound, tmp_path, name, at
     assert [path.name for path in tmp_path.iterdir()] == ["f.npz"]
 
 
-def test_a_field_whose_estimator_could_not_be_made_again_is_not_saved(
-    grid, sound, tmp_path, monkeypatch
-):
+def test_save_rejects_field_of_unregistered_estimator(grid, sound, tmp_path, monkeypatch):
+    """`load` could not build the estimator again."""
+
     class Namesake(locplan.Sad):
         """It has the name of another."""
 
@@ -286,7 +288,7 @@ def test_a_field_whose_estimator_could_not_be_made_again_is_not_saved(
     assert not list(tmp_path.iterdir())
 
 
-def test_settings_that_are_not_fit_for_json_are_computed_and_not_cached(grid, tmp_path):
+def test_cache_skips_field_with_unserializable_settings(grid, tmp_path):
     @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
     class WithTable(Own):
         version: ClassVar[int] = 1
@@ -300,7 +302,7 @@ def test_settings_that_are_not_fit_for_json_are_computed_and_not_cached(grid, tm
     assert not list(tmp_path.iterdir())
 
 
-def test_estimator_with_version_is_cached_and_read_aloud(grid, tmp_path, caplog):
+def test_versioned_estimator_is_cached_and_logged(grid, tmp_path, caplog):
     caplog.set_level("INFO")
     first = type("Mine", (Own,), {"version": 3})()
     field = locplan.load_or_compute(grid, first, cache_dir=tmp_path)
@@ -319,7 +321,7 @@ def test_estimator_without_version_is_not_cached(grid, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_fused_estimator_needs_version_of_inner_class(grid):
+def test_fused_requires_version_of_custom_scan(grid):
     class Mine(locplan.Scan):
         """A user's scan."""
 

@@ -77,7 +77,7 @@ def assert_same(one: CovarianceField, other: CovarianceField) -> None:
         np.testing.assert_array_equal(array, other.values[name])
 
 
-def test_one_heading_has_no_axis_of_its_own(rooms, estimator):
+def test_field_omits_axis_of_single_heading(rooms, estimator):
     field = covariance_field(rooms, config(estimator))
     assert field.covariance.shape[2:] == (3, 3)
     assert field.e.shape == field.covariance.shape[:2]
@@ -87,7 +87,7 @@ def test_one_heading_has_no_axis_of_its_own(rooms, estimator):
         assert np.array_equal(np.isnan(layer), ~field.is_evaluated)
 
 
-def test_several_headings_do(ahead, estimator):
+def test_field_has_axis_of_several_headings(ahead, estimator):
     h, w = ahead.is_evaluated.shape
     assert ahead.covariance.shape == (h, w, 4, 3, 3)
     assert ahead.e.shape == (h, w, 4)
@@ -98,7 +98,7 @@ def test_several_headings_do(ahead, estimator):
     assert not np.allclose(known[:, 0], known[:, 1])
 
 
-def test_a_place_without_returns_is_exactly_featureless(estimator):
+def test_place_without_returns_is_featureless(estimator):
     grid = OccupancyGrid(np.full((40, 40), FREE), 0.1)
     for sensor in (ALL_ROUND, AHEAD):
         field = covariance_field(grid, config(estimator, sensor))
@@ -108,7 +108,8 @@ def test_a_place_without_returns_is_exactly_featureless(estimator):
 
 
 @pytest.mark.parametrize("half_rotation_deg", [10.0, 0.0])
-def test_u_is_0_within_5_cm_and_1_where_nothing_is_seen(estimator, half_rotation_deg):
+def test_u_follows_anchors_of_position_std(estimator, half_rotation_deg):
+    """u is 0 up to 5 cm, and 1 without returns."""
     window = SearchWindow(
         half_width=1.5, step=0.1, half_rotation_deg=half_rotation_deg, rotation_step_deg=2.0
     )
@@ -132,14 +133,15 @@ def test_u_is_0_within_5_cm_and_1_where_nothing_is_seen(estimator, half_rotation
     assert field.saturated_share == 0.5
 
 
-def test_steps_coarser_than_5_cm_bound_what_counts_as_perfect(estimator):
+def test_coarse_steps_raise_perfect_covariance(estimator):
+    """The steps are coarser than 5 cm."""
     lattice = SearchWindow(half_width=2.0, step=0.5).to_lattice(0.5)
     least = made(estimator).perfect(lattice)
     np.testing.assert_allclose(least, lattice.quantisation)
     assert lattice.quantisation[0, 0] > 0.05**2
 
 
-def test_neither_tiles_nor_executors_change_a_bit(rooms, estimator, ahead, monkeypatch):
+def test_field_ignores_tile_size_and_executor(rooms, estimator, ahead, monkeypatch):
     monkeypatch.setattr("locplan.field.tiles.TILE", 9)
     assert_same(covariance_field(rooms, ahead.config, threads=2), ahead)
     odd = Lidar(
@@ -152,7 +154,7 @@ def test_neither_tiles_nor_executors_change_a_bit(rooms, estimator, ahead, monke
             assert_same(field, covariance_field(rooms, wanted))
 
 
-def test_ends_that_noise_moves_far_do_not_leave_their_piece_of_the_map(monkeypatch):
+def test_halo_of_scan_includes_endpoint_noise(monkeypatch):
     monkeypatch.setattr("locplan.field.tiles.TILE", 3)
     posts = np.random.default_rng(1).random((100, 110)) < 0.02
     grid = OccupancyGrid(np.where(posts, OCCUPIED, FREE).astype(np.uint8), 0.05)
@@ -163,7 +165,7 @@ def test_ends_that_noise_moves_far_do_not_leave_their_piece_of_the_map(monkeypat
     assert_same(field, covariance_field(grid, wanted))
 
 
-def test_fields_are_saved_cached_and_updated_with_all_they_hold(rooms, ahead, tmp_path):
+def test_field_survives_save_cache_and_update(rooms, ahead, tmp_path):
     ahead.save(tmp_path / "ahead.npz")
     loaded = CovarianceField.load(tmp_path / "ahead.npz")
     assert_same(loaded, ahead)
@@ -176,7 +178,7 @@ def test_fields_are_saved_cached_and_updated_with_all_they_hold(rooms, ahead, tm
     assert_same(ahead.update(after), covariance_field(after, ahead.config))
 
 
-def test_a_quarter_turn_of_the_map_turns_covariances_and_headings(estimator):
+def test_quarter_turn_turns_covariances_and_headings(estimator):
     # An odd number of cells, so that the lattice turns onto itself.
     grid = OccupancyGrid(random_rooms((101, 101), seed=3), 0.05)
     turned = OccupancyGrid(np.rot90(grid.cells, -1), 0.05)
@@ -202,7 +204,7 @@ def test_a_quarter_turn_of_the_map_turns_covariances_and_headings(estimator):
     ),
     ids=lambda lidar: f"{lidar.beams} beams in {lidar.field_of_view_deg:g} deg",
 )
-def test_a_turned_or_mirrored_map_has_the_turned_or_mirrored_field(estimator, lidar):
+def test_field_follows_map_rotation_and_mirroring(estimator, lidar):
     # An odd number of cells, so that the lattice turns onto itself.
     grid = OccupancyGrid(random_rooms((101, 101), seed=3), 0.05)
     wanted = FieldConfig(made(estimator, lidar))
@@ -230,7 +232,8 @@ def test_a_turned_or_mirrored_map_has_the_turned_or_mirrored_field(estimator, li
                 assert np.quantile(np.abs(np.log(ratio)), 0.95) < 0.03
 
 
-def test_the_yaw_of_the_map_turns_covariances_but_not_headings(estimator):
+def test_map_yaw_turns_covariances_not_headings(estimator):
+    """Headings are angles in the world frame."""
     cells = random_rooms((80, 90), seed=5)
     straight = covariance_field(OccupancyGrid(cells, 0.05), config(estimator, AHEAD, headings=4))
     turned = covariance_field(OccupancyGrid(cells, 0.05, (0.0, 0.0, math.pi / 2)), straight.config)
@@ -242,7 +245,7 @@ def test_the_yaw_of_the_map_turns_covariances_but_not_headings(estimator):
     assert (np.abs(np.log(ratio)) < 0.1).mean() > 0.95  # a beam on a cell's edge may take either
 
 
-def test_a_corridor_is_uncertain_along_its_axis(estimator):
+def test_corridor_is_uncertain_along_axis(estimator):
     for angle in (0.0, math.pi / 6):
         grid = corridor(14.0, 1.6, angle=angle)
         field = covariance_field(grid, config(estimator))
@@ -255,7 +258,7 @@ def test_a_corridor_is_uncertain_along_its_axis(estimator):
 
 
 @pytest.mark.parametrize(("yaw", "facing_the_wall"), [(90.0, 0), (-90.0, 2), (0.0, 1)])
-def test_a_lidar_sees_where_it_is_mounted_to(estimator, yaw, facing_the_wall):
+def test_mount_yaw_turns_field_of_view(estimator, yaw, facing_the_wall):
     # One wall to the north, in range; who heads east has it on the left.
     grid = ascii_map("#" * 61, *["." * 61] * 60, resolution=0.1)
     lidar = Lidar(range=2.5, field_of_view_deg=120.0, beams=61, mount_yaw_deg=yaw)
@@ -269,7 +272,7 @@ def test_a_lidar_sees_where_it_is_mounted_to(estimator, yaw, facing_the_wall):
     assert across[(facing_the_wall + 2) % 4] == pytest.approx(nothing, rel=0.05)
 
 
-def test_the_papers_places_are_told_apart():
+def test_estimators_distinguish_paper_places():
     grid, at = environments.make("places", resolution=0.05), environments.place_positions("places")
     wide = SearchWindow(half_width=2.0, step=0.1, half_rotation_deg=10.0, rotation_step_deg=2.0)
     wanted = FieldConfig(Scan(Lidar(range=6.0), window=wide), stride=0.4)
@@ -292,7 +295,7 @@ def test_the_papers_places_are_told_apart():
     assert u["D"] > 0.4
 
 
-def test_positions_alone_have_two_dimensions(rooms, estimator):
+def test_field_without_rotation_has_two_dimensions(rooms, estimator):
     field = covariance_field(rooms, config(estimator, window=replace(SMALL, half_rotation_deg=0.0)))
     known = field.is_evaluated
     assert field.covariance.shape[2:] == (2, 2)
@@ -305,7 +308,7 @@ def test_positions_alone_have_two_dimensions(rooms, estimator):
     assert 0 <= np.nanmin(costs.u) < 0.5 < np.nanmax(costs.u) <= 1
 
 
-def test_the_covariance_in_between_headings(ahead):
+def test_covariance_interpolates_between_headings(ahead):
     i, j = np.argwhere(ahead.is_evaluated)[100]
     x, y = ahead.grid.position(int(i * ahead.stride), int(j * ahead.stride))
     for k, heading in enumerate(ahead.config.heading_angles):
@@ -319,7 +322,7 @@ def test_the_covariance_in_between_headings(ahead):
     assert ahead.at((x, y), "covariance") == pytest.approx(merged)
 
 
-def test_scalars_over_all_headings(ahead):
+def test_scalar_combines_all_headings(ahead):
     known = ahead.is_evaluated
     worst = ahead.scalar("e", headings="worst")
     assert worst[known] == pytest.approx(ahead.e[known].max(axis=1))
@@ -330,7 +333,7 @@ def test_scalars_over_all_headings(ahead):
         assert e == pytest.approx(math.sqrt(np.linalg.det(merged)))
 
 
-def test_costs_by_every_criterion(rooms, ahead):
+def test_costmap_accepts_every_criterion(rooms, ahead):
     for criterion in ("e", "position_std", "heading_std", *ahead.layers):
         costs = Costmap.from_field(ahead, criterion=criterion, robot=0.0)
         free = np.isfinite(costs.density)
@@ -369,7 +372,7 @@ def of_eigenvalues(function, matrix):
 
 
 @pytest.mark.parametrize("half_rotation_deg", sample_cases([30.0, 0.0]))
-def test_fused_is_a_mean_of_the_logarithms(rooms, half_rotation_deg):
+def test_fused_is_mean_of_matrix_logarithms(rooms, half_rotation_deg):
     sharp = {"window": replace(SMALL, half_rotation_deg=half_rotation_deg), "effective_beams": 120}
     fisher, scan = (made(name, AHEAD, **sharp) for name in ("fisher", "scan"))
     fused = Fused(AHEAD, fisher=fisher, scan=scan, noise_level=2.5)
@@ -390,7 +393,7 @@ def test_fused_is_a_mean_of_the_logarithms(rooms, half_rotation_deg):
         np.testing.assert_array_equal(both[layer], other[layer])
 
 
-def test_in_a_corridor_fused_is_as_uncertain_along_it_as_the_scan():
+def test_fused_equals_scan_in_corridor():
     """The derivatives see steps of slanting walls that no matcher finds."""
     for angle in (0.0, math.pi / 6):
         grid = corridor(14.0, 1.6, angle=angle)
@@ -402,7 +405,7 @@ def test_in_a_corridor_fused_is_as_uncertain_along_it_as_the_scan():
     assert scalar(fisher, "position_std") < 0.95 * scalar(scan, "position_std")
 
 
-def test_e_of_a_fused_field_is_a_geometric_mean(rooms):
+def test_fused_e_is_geometric_mean(rooms):
     fields = [covariance_field(rooms, config(name)) for name in ("fisher", "scan", "fused")]
     known = fields[0].is_evaluated
     e = [field.e[known] for field in fields]
@@ -412,7 +415,7 @@ def test_e_of_a_fused_field_is_a_geometric_mean(rooms):
     assert anchors[2][1] == anchors[1][1]  # a featureless place is large
 
 
-def test_cells_are_counted_once_and_a_stop_is_heeded(rooms, estimator):
+def test_estimator_counts_cells_until_stop(rooms, estimator):
     part = part_of(rooms)
     found = made(estimator, AHEAD).covariances(part)
     assert all(np.isfinite(values).all() for values in found.values())
@@ -423,7 +426,7 @@ def test_cells_are_counted_once_and_a_stop_is_heeded(rooms, estimator):
     assert stopped.control.tolist() == [1, 0]
 
 
-def test_a_stop_is_heeded_by_both_parts_of_a_fused_field(rooms, monkeypatch):
+def test_fused_passes_stop_to_fisher(rooms, monkeypatch):
     controls = []
 
     def spied(estimator, part, original=Fisher.covariances):
@@ -437,7 +440,7 @@ def test_a_stop_is_heeded_by_both_parts_of_a_fused_field(rooms, monkeypatch):
     assert controls[0].tolist() == [1]
 
 
-def test_a_fused_estimator_has_one_lidar_and_one_window():
+def test_fused_parts_share_lidar_and_window():
     both = Fused(AHEAD)
     assert both == Fused(AHEAD, fisher=Fisher(AHEAD), scan=Scan(AHEAD))
     assert repr(both) == f"Fused(lidar={AHEAD!r})"
@@ -452,7 +455,7 @@ def test_a_fused_estimator_has_one_lidar_and_one_window():
         Fused(Fisher(AHEAD))
 
 
-def test_the_variance_of_steps_is_the_scans_alone(rooms):
+def test_only_scan_adds_step_variance(rooms):
     """A match as sharp as can be leaves Q to the scan, and nothing but its own to fisher."""
     grid = OccupancyGrid(random_rooms((60, 60), seed=3, blocks=40), 0.05)
     sharp = {"effective_beams": 1e6, "sigma_hit": 0.01, "max_beams": 72}
@@ -466,7 +469,7 @@ def test_the_variance_of_steps_is_the_scans_alone(rooms):
     assert (least["fisher"] < 0.1).all()
 
 
-def test_the_noise_level_scales_all_but_q(rooms, estimator):
+def test_noise_level_scales_covariance_without_q(rooms, estimator):
     one, other = made(estimator, AHEAD), replace(made(estimator, AHEAD), noise_level=2.5)
     lattice = one.lattice(rooms.resolution)
     q = one.q(lattice)
@@ -479,7 +482,9 @@ def test_the_noise_level_scales_all_but_q(rooms, estimator):
 
 
 @pytest.mark.parametrize("model", ["endpoint", "range"])
-def test_information_falls_with_the_square_of_sigma_which_is_at_least_a_cell(rooms, model):
+def test_information_falls_with_squared_sigma(rooms, model):
+    """Sigma is at least the width of a cell."""
+
     def information(cell, **settings):
         fisher = Fisher(lidar, window=SMALL, model=model, **settings)
         part = replace(part_of(rooms), resolution=cell)
@@ -497,7 +502,7 @@ def test_information_falls_with_the_square_of_sigma_which_is_at_least_a_cell(roo
     np.testing.assert_allclose(information(0.05, sigma_hit=0.001), one, **tolerance)
 
 
-def test_fisher_is_scaled_to_the_scans_effective_beams(rooms):
+def test_fisher_scales_with_effective_beams(rooms):
     """At most `max_beams` in half a turn count, each as the share of an independent one."""
     many = replace(ALL_ROUND, beams=720)
     part = part_of(rooms)
@@ -552,7 +557,8 @@ EFFECTIVE = Lidar(range=5.0, field_of_view_deg=180.0, beams=90, min_range=0.1)
         (Fused(EFFECTIVE), Fused(EFFECTIVE, noise_level=2.0), False),
     ],
 )
-def test_only_what_decides_the_values_tells_cached_fields_apart(one, other, same):
+def test_estimator_identity_changes_with_values_only(one, other, same):
+    """The identity names the cached field."""
     keys = [json.dumps(each.identity(), sort_keys=True) for each in (one, other)]
     assert (keys[0] == keys[1]) == same
     levels = random_rooms((60, 60), seed=7)
@@ -573,7 +579,7 @@ def headed_costs() -> Costmap:
     return dataclasses.replace(costs, weight=4.0, u=half, of_heading=of_heading)
 
 
-def test_a_motions_cost_is_that_of_its_headings(headed_costs):
+def test_motion_cost_integrates_u_over_headings(headed_costs):
     u = headed_costs.u_of_heading[:, 0, 0]
     turning = Motions(headed_costs, "SE2")
     assert turning.cost((1, 1, 0.0), (4, 1, 0.0)) == pytest.approx(3 * (1 + 4 * u[0]))
@@ -588,7 +594,7 @@ def test_a_motions_cost_is_that_of_its_headings(headed_costs):
     assert circle == pytest.approx(math.pi * (1 + 4 * shares @ u[:5]))
 
 
-def test_the_metrics_of_a_path_are_those_of_its_headings(headed_costs):
+def test_path_metrics_equal_motion_cost(headed_costs):
     rng = np.random.default_rng(1)
     for space, radius in (("SE2", None), ("Dubins", 0.7), ("ReedsShepp", 0.4)):
         motions = Motions(headed_costs, space, radius)
@@ -604,12 +610,12 @@ def test_the_metrics_of_a_path_are_those_of_its_headings(headed_costs):
                 assert np.diff(distance) @ u == pytest.approx(metrics.integrated_u)
 
 
-def test_without_headings_the_merged_cost_counts(headed_costs):
+def test_path_without_headings_uses_merged_cost(headed_costs):
     path = Path(np.array([[1.0, 1.0], [4.0, 1.0]]))
     assert path_metrics(headed_costs, path).integrated_u == pytest.approx(1.5)
 
 
-def test_where_it_faces_decides_how_it_turns_round(headed_costs):
+def test_plan_turns_through_certain_headings(headed_costs):
     # To face north: the way over east sees nothing, that over west all.
     start, goal = (2.0, 1.0, -math.pi / 2), (4.0, 3.0, math.pi / 2)
     result = plan(
@@ -620,7 +626,7 @@ def test_where_it_faces_decides_how_it_turns_round(headed_costs):
     assert result.metrics.cost < 0.8 * straight
 
 
-def test_paths_by_heading():
+def test_path_cells_have_heading_bins():
     grid = OccupancyGrid(np.full((1, 2), 254), resolution=3.0)
     path = Path([[0.0, 0.5], [4.0, 0.5]], [0.0, math.pi / 2])
     heading, _, col, length = find_cells_of_path(grid, path, 4)
@@ -635,7 +641,7 @@ def test_paths_by_heading():
     assert find_cells_of_path(grid, path, 7)[3].sum() == pytest.approx(4.0)
 
 
-def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
+def test_normals_of_part_equal_whole_map(monkeypatch):
     occupied = random_rooms((300, 310), seed=2) == 0
     whole = find_surface_normals(occupied)
     part = find_surface_normals(occupied[40:260, 30:300])
@@ -645,7 +651,7 @@ def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
     np.testing.assert_array_equal(find_surface_normals(occupied), whole)
 
 
-def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
+def test_fisher_predicts_error_of_noisy_ranges():
     # An asymmetric room; the pose that fits noisy ranges best, to first order in exact ranges.
     from locplan._support.kernels.rays import cast_ray, compute_empty_squares
 
@@ -689,7 +695,7 @@ def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
     assert (ratio < 1.3).all()
 
 
-def test_presets_follow_the_makers():
+def test_lidar_presets_follow_data_sheets():
     for name, sheet in LIDARS.items():
         sensor = Lidar.preset(name)
         wanted = FieldConfig(Fisher(sensor))
@@ -736,14 +742,15 @@ def test_impossible_sensors_and_configs_are_refused(make, message):
     ("start", "end"),
     [(-math.pi / 2, math.pi / 2), (math.pi / 2, -math.pi / 2), (0.0, -math.pi), (-math.pi, 0.0)],
 )
-def test_half_a_turn_goes_the_same_way_for_planner_and_metrics(headed_costs, start, end):
+def test_path_metrics_follow_planned_half_turn(headed_costs, start, end):
+    """Either direction would be as short."""
     motions = Motions(headed_costs, "SE2")
     poses = np.array([[1.0, 1.0, start], [4.0, 2.0, end]])
     measured = path_metrics(headed_costs, motions.path(poses)).cost
     assert measured == pytest.approx(motions.cost(*poses))
 
 
-def test_a_lidar_inside_a_wall_sees_nothing(estimator):
+def test_lidar_inside_wall_sees_nothing(estimator):
     cells = np.full((40, 60), FREE, np.uint8)
     cells[:, 40:45] = 0
     sensor = Lidar(range=3.0, beams=60, field_of_view_deg=180.0, mount_x=0.5)
@@ -751,7 +758,7 @@ def test_a_lidar_inside_a_wall_sees_nothing(estimator):
     assert field.e[10, 18, 0] == pytest.approx(field.anchors()[1])
 
 
-def test_sharp_posteriors_have_a_mean_information(rooms):
+def test_sharp_posteriors_have_finite_mean_information(rooms):
     wanted = config(
         "scan",
         AHEAD,
@@ -769,19 +776,20 @@ def test_sharp_posteriors_have_a_mean_information(rooms):
         assert np.isfinite(costs.e[free]).all()
 
 
-def test_covariances_of_zero_have_a_mean_information():
+def test_mean_information_accepts_zero_covariance():
     known = np.stack([np.zeros((3, 3)), np.eye(3)])
     np.testing.assert_allclose(average_information(known), 2e-12 * np.eye(3), rtol=1e-6)
 
 
-def test_an_empty_map_and_a_full_one_do_no_harm(estimator):
+def test_estimator_accepts_uniform_maps(estimator):
     for level in "#. ":
         grid = ascii_map(*[level * 12] * 9, resolution=0.2)
         field = covariance_field(grid, config(estimator))
         assert field.is_evaluated.sum() == (108 if level == "." else 0)
 
 
-def test_lattice_points_in_walls_are_looked_at_from_beside_them():
+def test_lidar_cell_is_nearest_free_cell():
+    """A lattice point may lie in a wall."""
     free = random_rooms((30, 34), seed=4) == FREE
     rows, cols = np.indices(free.shape).reshape(2, -1)
     at = find_lidar_cells(free, rows, cols, 3)

@@ -54,7 +54,7 @@ def covariance_at(grid: OccupancyGrid, row: int, col: int, config=QUICK):
     )["covariance"][0]
 
 
-def test_a_quarter_turn_of_the_map_turns_the_covariance(rooms):
+def test_quarter_turn_turns_covariance(rooms):
     turned = OccupancyGrid(rooms.cells.T[:, ::-1], rooms.resolution)
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     for row, col in np.argwhere(rooms.free)[::1500]:
@@ -63,7 +63,7 @@ def test_a_quarter_turn_of_the_map_turns_the_covariance(rooms):
         np.testing.assert_allclose(result, expected, atol=1e-9)
 
 
-def test_a_padded_map_shifts_the_field(rooms):
+def test_padding_shifts_field(rooms):
     pad = 8  # two lattice points on each side: the map's centre stays where it is
     padded = OccupancyGrid(
         np.pad(rooms.cells, pad, constant_values=UNKNOWN),
@@ -74,7 +74,7 @@ def test_a_padded_map_shifts_the_field(rooms):
     np.testing.assert_array_equal(outer.covariance[2:-2, 2:-2], inner.covariance)
 
 
-def test_a_shift_of_the_drawing_hardly_changes_the_field(rooms):
+def test_map_shift_barely_changes_field(rooms):
     # The map turns about its centre, so that only the rounding of turned cells differs.
     shifted = OccupancyGrid(
         np.pad(rooms.cells, ((4, 0), (12, 0)), constant_values=UNKNOWN), rooms.resolution
@@ -98,7 +98,7 @@ def test_covariances_are_symmetric_and_positive(field):
 
 @pytest.mark.parametrize("angle", [0.0, 0.5, np.pi / 2])
 @pytest.mark.parametrize(("preset", "ratio"), [(Sad, 3.0), (Sad.paper, 1.8)])
-def test_a_corridor_is_least_certain_along_its_axis(angle, preset, ratio):
+def test_corridor_is_least_certain_along_axis(angle, preset, ratio):
     # Sampled walls that run obliquely are not quite featureless, and 1/S^2 notices it.
     grid = corridor(24.0, 2.0, angle=angle)
     row, col = grid.cell((0.0, 0.0))
@@ -107,7 +107,7 @@ def test_a_corridor_is_least_certain_along_its_axis(angle, preset, ratio):
     assert abs(np.angle(np.exp(2j * (direction - angle)))) / 2 < 0.03
 
 
-def test_a_featureless_place_has_the_uniform_windows_variance():
+def test_featureless_place_has_uniform_covariance():
     config = FieldConfig()
     window = config.estimator.window.to_lattice(0.1)
     grid = OccupancyGrid(np.full((200, 200), FREE), 0.1)
@@ -117,7 +117,7 @@ def test_a_featureless_place_has_the_uniform_windows_variance():
     assert covariance[0, 0] == pytest.approx(0.2**2 * (21**2 - 1) / 12 + 0.2**2 / 12)
 
 
-def test_yaw_turns_the_covariance_into_the_world_frame():
+def test_covariance_is_in_world_frame():
     cells = corridor(16.0, 2.0).cells
     config = FieldConfig(Sad(range=3.0), stride=1.0)
     plain = covariance_field(OccupancyGrid(cells, 0.05), config)
@@ -128,7 +128,7 @@ def test_yaw_turns_the_covariance_into_the_world_frame():
     np.testing.assert_allclose(turned.e, plain.e, rtol=1e-9)
 
 
-def test_parallel_equals_serial(rooms):
+def test_parallel_field_equals_serial_field(rooms):
     serial = covariance_field(rooms, QUICK, threads=1)
     np.testing.assert_array_equal(covariance_field(rooms, QUICK, threads=3).e, serial.e)
 
@@ -142,7 +142,7 @@ def test_progress_counts_every_cell_once(rooms):
 
 @pytest.mark.parametrize("template", ["disc", "visible"])
 @pytest.mark.parametrize("stride", sample_cases([0.15, 0.05, 0.2]))
-def test_the_field_does_not_depend_on_the_tiles(template, stride, monkeypatch):
+def test_field_ignores_tile_size(template, stride, monkeypatch):
     cells = random_rooms((70, 80), seed=2, blocks=5)
     cells[np.random.default_rng(3).random(cells.shape) < 0.02] = 0
     grid = OccupancyGrid(cells, 0.05)
@@ -156,14 +156,14 @@ def test_the_field_does_not_depend_on_the_tiles(template, stride, monkeypatch):
     np.testing.assert_array_equal(whole.covariance[i, j], alone["covariance"])
 
 
-def test_every_free_cell_can_be_read(field):
+def test_e_map_covers_exactly_free_cells(field):
     e = field.e_map()
     np.testing.assert_array_equal(np.isfinite(e), field.grid.free)
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("stride", [1, 3, 4, 50])
-def test_every_free_cell_has_a_lattice_point(seed, stride):
+def test_free_cells_have_lattice_points(seed, stride):
     free = np.random.default_rng(seed).random((23, 31)) < 0.05
     grid = OccupancyGrid(np.where(free, FREE, UNKNOWN).astype(np.uint8), 0.1)
     wanted = FieldConfig(stride=stride * 0.1).lattice_points(grid)
@@ -174,21 +174,21 @@ def test_every_free_cell_has_a_lattice_point(seed, stride):
         assert wanted[[i, i, i1, i1], [j, j1, j, j1]].any()
 
 
-def test_stride_of_one_cell_evaluates_the_free_cells_only():
+def test_single_cell_stride_evaluates_free_cells():
     grid = ascii_map("..#", " .#", resolution=0.05)
     field = covariance_field(grid, FieldConfig(Sad(range=0.2), stride=0.05))
     np.testing.assert_array_equal(field.is_evaluated, grid.free)
     np.testing.assert_allclose(field.e_map()[grid.free], field.e[grid.free])
 
 
-def test_a_map_without_free_cells_has_an_empty_field():
+def test_field_is_empty_without_free_cells():
     field = covariance_field(ascii_map("##", "  "), FieldConfig())
     assert not field.is_evaluated.any()
     assert np.isnan(field.e_map()).all()
     assert field.saturated_share == 0.0
 
 
-def test_interpolation_agrees_with_the_lattice_and_is_bilinear_in_log_e(field):
+def test_field_at_equals_lattice_and_map(field):
     i, j = np.argwhere(field.is_evaluated & field.grid.free[::4, ::4])[100]
     x, y = field.grid.position(int(i) * 4, int(j) * 4)
     np.testing.assert_allclose(field.at((x, y), "covariance"), field.covariance[i, j], rtol=1e-9)
@@ -197,7 +197,7 @@ def test_interpolation_agrees_with_the_lattice_and_is_bilinear_in_log_e(field):
     np.testing.assert_allclose(field.at(xy, "e"), e_map[tuple(cells.T)], rtol=1e-6)
 
 
-def test_field_at_array_equals_field_at_poses(field):
+def test_field_at_array_equals_single_poses(field):
     random = np.random.default_rng(1)
     poses = np.column_stack([random.uniform(-1, 13, (50, 2)), random.uniform(-9, 9, 50)])
     values = field.at(poses)
@@ -211,7 +211,7 @@ def test_field_at_array_equals_field_at_poses(field):
         np.testing.assert_array_equal(scalar(values["covariance"], name), values[name])
 
 
-def test_field_at_is_mean_of_matrix_logarithms(field):
+def test_field_at_averages_matrix_logarithms(field):
     """Scipy's logarithm of the four corners, at a position between them."""
     known = field.is_evaluated & field.grid.free[::4, ::4]
     inner = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
@@ -255,7 +255,7 @@ def test_anchors_bound_e(field):
     assert low * 0.999 <= np.nanmin(field.e) <= np.nanmax(field.e) <= high * 1.001
 
 
-def test_anchors_scale_with_the_noise_level():
+def test_anchors_scale_with_noise_level():
     grid = OccupancyGrid(np.full((3, 3), FREE), 0.05)
     fields = [covariance_field(grid, change_estimator(QUICK, noise_level=k)) for k in (1.0, 4.0)]
     for name in ("position_std", "heading_std"):
@@ -264,7 +264,7 @@ def test_anchors_scale_with_the_noise_level():
         assert high4**2 - low**2 == pytest.approx(4 * (high**2 - low**2))
 
 
-def test_saturated_share_counts_the_points_at_the_least_e():
+def test_saturated_share_counts_least_e_points():
     places = environments.make("places", resolution=0.1)
     field = covariance_field(places, FieldConfig(stride=0.5))
     e = field.e[field.is_evaluated]
@@ -273,7 +273,7 @@ def test_saturated_share_counts_the_points_at_the_least_e():
     assert 0 < expected < 1
 
 
-def test_scalars_of_a_known_covariance():
+def test_scalars_of_diagonal_covariance_are_exact():
     matrix = np.diag([4.0, 9.0, 0.25])
     values = [float(scalar(matrix, name)) for name in SCALARS]
     assert values == pytest.approx([3.0, 3.0, math.sqrt(13.0), 0.5])
@@ -284,7 +284,7 @@ def test_threads_below_one_are_refused(rooms):
         covariance_field(rooms, QUICK, threads=0)
 
 
-def test_an_interrupted_field_stops_its_threads(monkeypatch):
+def test_interrupted_field_stops_threads(monkeypatch):
     interrupted = threading.Event()
 
     def interrupt(done, total):
@@ -310,7 +310,7 @@ def test_an_interrupted_field_stops_its_threads(monkeypatch):
     assert 0 < sum(control[1] for control in controls) < 27_655  # of all
 
 
-def test_an_interrupted_field_takes_its_tiles_back_from_the_executor(rooms, monkeypatch):
+def test_interrupted_field_cancels_executor_tasks(rooms, monkeypatch):
     monkeypatch.setattr("locplan.field.tiles.TILE", 2)
     calls = []
     compute = Sad.covariances
@@ -344,7 +344,7 @@ LIDAR = Lidar(range=20.0, beams=360, field_of_view_deg=180.0)
 )
 @pytest.mark.parametrize("resolution", [0.02, 0.05, 0.5])
 @pytest.mark.parametrize("stride", [0.02, 0.2])
-def test_tiles_are_bounded_by_what_they_cost(estimator, resolution, stride):
+def test_tile_size_is_bounded_by_cost(estimator, resolution, stride):
     config = FieldConfig(estimator, stride=stride)
     edge = tiles.compute_chunk_edge(config, resolution)
     seconds = config.headings * estimator.seconds(resolution)
@@ -353,7 +353,7 @@ def test_tiles_are_bounded_by_what_they_cost(estimator, resolution, stride):
     assert (edge + 1) ** 2 * seconds > 2.0 or edge == greatest
 
 
-def test_without_rotation_the_covariance_is_positional(rooms):
+def test_covariance_without_rotation_is_positional(rooms):
     field = covariance_field(
         rooms,
         change_estimator(QUICK, window=STILL),
@@ -372,7 +372,8 @@ def edited(grid: OccupancyGrid, at=(60, 60), size=3) -> OccupancyGrid:
 
 @pytest.mark.parametrize("template", ["disc", "visible"])
 @pytest.mark.parametrize("yaw", [0.0, 0.4])
-def test_an_update_equals_a_full_run_and_computes_less(template, yaw):
+def test_update_equals_full_computation(template, yaw):
+    """It computes less than half of the points."""
     cells = random_rooms((140, 150), seed=3, blocks=8)
     grid = OccupancyGrid(cells, 0.05, (0.0, 0.0, yaw))
     config = change_estimator(QUICK, template=template)
@@ -387,7 +388,7 @@ def test_an_update_equals_a_full_run_and_computes_less(template, yaw):
         assert 0 < progress[-1][1] < full.is_evaluated.sum() / 2
 
 
-def test_an_update_forgets_what_is_free_no_more_and_finds_what_became_free(rooms, field):
+def test_update_follows_changes_of_free_space(rooms, field):
     cells = rooms.cells.copy()
     cells[20:60, 20:60] = UNKNOWN
     cells[80:90, 80:90] = FREE
@@ -396,7 +397,7 @@ def test_an_update_forgets_what_is_free_no_more_and_finds_what_became_free(rooms
     np.testing.assert_array_equal(field.update(after).covariance, full.covariance)
 
 
-def test_an_update_of_some_points_computes_no_others(rooms, field):
+def test_update_computes_only_selected_points(rooms, field):
     cells = rooms.cells.copy()
     cells[20:60, 20:60] = UNKNOWN
     after = dataclasses.replace(rooms, cells=cells)
@@ -410,7 +411,7 @@ def test_an_update_of_some_points_computes_no_others(rooms, field):
     np.testing.assert_array_equal(updated.covariance[known], full.covariance[known])
 
 
-def test_an_update_without_a_change_computes_nothing(rooms, field):
+def test_update_of_unchanged_map_computes_nothing(rooms, field):
     def complain(done, total):
         raise AssertionError
 
@@ -421,12 +422,12 @@ def test_an_update_without_a_change_computes_nothing(rooms, field):
 @pytest.mark.parametrize(
     "change", [{"resolution": 0.1}, {"origin": (0.0, 0.0, 0.0)}, {"cells": np.full((9, 9), FREE)}]
 )
-def test_an_update_is_for_the_same_geometry(rooms, field, change):
+def test_update_rejects_other_map_geometry(rooms, field, change):
     with pytest.raises(FieldError, match="compute a new field"):
         field.update(dataclasses.replace(rooms, **change))
 
 
-def test_what_befalls_an_executor_is_told_in_one_line(rooms):
+def test_field_reports_executor_error(rooms):
     class Broken(ThreadPoolExecutor):
         def submit(self, *_, **__):
             return super().submit(lambda: 1 / 0)
@@ -435,7 +436,7 @@ def test_what_befalls_an_executor_is_told_in_one_line(rooms):
         covariance_field(rooms, QUICK, executor=executor)
 
 
-def test_sampled_positions_are_spread_out_and_leave_no_gap():
+def test_sampled_positions_cover_field_evenly():
     grid = OccupancyGrid(random_rooms((90, 130), seed=4), 0.1, (3.0, -2.0, 0.4))
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
     xy, covariance = sample_covariances(field, 1.5)

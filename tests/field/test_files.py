@@ -55,7 +55,8 @@ def test_dataset_has_covariance_at_position(field):
     assert dataset.covariance.dims[:2] == ("y", "x")
 
 
-def test_fields_without_rotation_and_turned_maps_come_back(tmp_path):
+def test_loaded_positional_field_equals_saved_field(tmp_path):
+    """The map has a yaw as well."""
     grid = OccupancyGrid(random_rooms((30, 40), seed=5), 0.1, (0.0, 0.0, 0.3))
     field = covariance_field(
         grid,
@@ -66,7 +67,7 @@ def test_fields_without_rotation_and_turned_maps_come_back(tmp_path):
     np.testing.assert_array_equal(loaded.covariance, field.covariance)
 
 
-def test_a_failed_save_leaves_the_old_field(field, saved, monkeypatch):
+def test_failed_save_keeps_old_field(field, saved, monkeypatch):
     other = covariance_field(field.grid, change_estimator(QUICK, weights=Exponential(0.1)))
 
     def full(*_, **__):
@@ -88,7 +89,7 @@ def test_suffix_of_field_is_npz(field, tmp_path):
 
 
 @pytest.mark.parametrize("damage", ["cut", "text", "empty", "flip", "missing"])
-def test_damaged_fields_are_refused_in_one_line(saved, damage):
+def test_load_rejects_damaged_field(saved, damage):
     data = bytearray(saved.read_bytes())
     if damage == "flip":
         for at in range(len(data) // 4, len(data), 41):
@@ -101,7 +102,8 @@ def test_damaged_fields_are_refused_in_one_line(saved, damage):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_flipped_bit_is_noticed_or_changes_nothing(field, saved, seed):
+def test_load_detects_flipped_bit(field, saved, seed):
+    """A bit that does not change the field may pass."""
     rng = np.random.default_rng(seed)
     data = bytearray(saved.read_bytes())
     # In the arrays, or in the directory at the end.
@@ -117,7 +119,7 @@ def test_a_flipped_bit_is_noticed_or_changes_nothing(field, saved, seed):
     assert loaded.grid.digest == field.grid.digest
 
 
-def test_covariances_of_another_shape_are_not_believed(field, saved):
+def test_load_rejects_covariance_of_other_shape(field, saved):
     with np.load(saved) as arrays:
         content = dict(arrays)
     np.savez(saved, **content | {"covariance": content["covariance"][:50]})

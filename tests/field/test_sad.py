@@ -34,7 +34,7 @@ def compare(cells, rows, cols, radius, window, *, visible=False):
 
 @pytest.mark.parametrize("step", [1, 2, 3, 4, 5, 7, 8, 10])
 @pytest.mark.parametrize("radius", [1, 4, 13, 32])
-def test_kernel_is_bit_equal_to_the_reference(step, radius):
+def test_kernel_equals_reference(step, radius):
     cells = random_rooms((90, 71), seed=step * 100 + radius)
     half_steps = 12 // step + 1
     window = OffsetLattice(0.05, step, half_steps, np.radians(20), 2)
@@ -43,14 +43,15 @@ def test_kernel_is_bit_equal_to_the_reference(step, radius):
 
 @pytest.mark.parametrize("step", [1, 3, 4])
 @pytest.mark.parametrize("radius", [1, 13, 32])
-def test_kernel_of_visible_templates_is_bit_equal_to_the_reference(step, radius):
+def test_kernel_equals_reference_for_visible_templates(step, radius):
     cells = random_rooms((90, 71), seed=step * 100 + radius)
     window = OffsetLattice(0.05, step, 12 // step + 1, np.radians(20), 2)
     compare(cells, [45, 0, 89, 20, 46], [30, 0, 70, 69, 31], radius, window, visible=True)
 
 
 @pytest.mark.parametrize("level", [FREE, OCCUPIED])
-def test_discs_of_more_than_64_squares(level):
+def test_kernel_equals_reference_for_large_disc(level):
+    """The disc has more than 64 squares."""
     cells = random_rooms((700, 640), seed=17)
     cells[:, 300:420] = level  # runs that are longer than a word of bits
     window = OffsetLattice(0.05, 7, 1, np.radians(15), 1)
@@ -58,20 +59,22 @@ def test_discs_of_more_than_64_squares(level):
 
 
 @pytest.mark.parametrize("half_steps", [1, 11, 12, 13])
-def test_any_number_of_offsets_fits_the_vectors(half_steps):
+def test_kernel_supports_any_offset_count(half_steps):
+    """The count need not be a multiple of the vector's length."""
     window = OffsetLattice(0.05, 2, half_steps, np.radians(45), 1)
     compare(random_rooms((64, 64), seed=7), [30, 34, 38], [10, 14, 22], 9, window)
 
 
 @pytest.mark.parametrize("level", [FREE, UNKNOWN, OCCUPIED])
-def test_uniform_maps_and_discs_larger_than_the_map(level):
+def test_kernel_equals_reference_on_uniform_maps(level):
+    """The discs are larger than the map."""
     window = OffsetLattice(0.05, 2, 3, np.radians(30), 2)
     compare(np.full((5, 9), level, np.uint8), [0, 4], [0, 8], 20, window)
     compare(np.full((1, 1), level, np.uint8), [0], [0], 3, window)
 
 
 @pytest.mark.parametrize("template", ["disc", "visible"])
-def test_levels_may_be_a_part_of_the_map(template):
+def test_map_part_gives_same_covariance(template):
     cells = random_rooms((120, 130), seed=5)
     window = SearchWindow(half_width=0.4, step=0.1)
     estimator = Sad(range=0.6, window=window, template=template)
@@ -87,7 +90,7 @@ def test_levels_may_be_a_part_of_the_map(template):
 
 @pytest.mark.parametrize("name", ["nav2_depot", "willow_full_stage", "webots_tb3_example"])
 @pytest.mark.filterwarnings("ignore::locplan.maps.files.MapWarning")
-def test_kernel_is_bit_equal_on_real_maps(real_maps, name):
+def test_kernel_equals_reference_on_real_maps(real_maps, name):
     grid = load_map(next((real_maps / name).glob("*.yaml")))
     window = Sad().window.to_lattice(grid.resolution)
     free = np.argwhere(grid.free)
@@ -106,7 +109,7 @@ def weighted_covariance(counts, weight_of_count, kept, places):
 
 
 @pytest.mark.parametrize("places", [range(5), (0.25, 1.125, 2, 2.875, 3.75), (0.5, 2, 3.5)])
-def test_weighted_covariance_equals_the_plain_loops(places):
+def test_weighted_covariance_equals_plain_loops(places):
     rng = np.random.default_rng(4)
     counts = rng.integers(0, 50, (5, 3, 24))
     weights = np.exp(-np.arange(50) / 7.0)
@@ -156,7 +159,7 @@ def e_by_definition(estimator, cells, row, col, resolution):
     "estimator", [Sad(range=3.0), Sad.paper(range=3.0)], ids=["default", "paper"]
 )
 @pytest.mark.parametrize("resolution", [0.089, 0.07, *sample_cases([0.0333, 0.05, 0.12], 0)])
-def test_e_is_that_of_the_definition_whatever_the_cells(resolution, estimator):
+def test_e_follows_definition_at_any_resolution(resolution, estimator):
     shape = round(14 / resolution), round(13 / resolution)
     cells = random_rooms(shape, seed=3, blocks=14)
     free = np.argwhere(cells == FREE)
@@ -170,7 +173,8 @@ def test_e_is_that_of_the_definition_whatever_the_cells(resolution, estimator):
     assert abs(np.median(off)) < 0.02  # and with no sign
 
 
-def test_covariance_vanishes_where_all_weights_but_the_centre_do():
+def test_covariance_vanishes_with_single_weight():
+    """Only the centre of the window has weight."""
     counts, kept = np.ones((5, 3, 24), np.int64), np.ones((3, 5), bool)
     counts[2, 1, 2] = 0
     covariance = weighted_covariance(counts, np.array([1.0, 0.0]), kept, range(5))
@@ -184,7 +188,7 @@ def test_covariance_vanishes_where_all_weights_but_the_centre_do():
     )
 
 
-def test_disc_sums_equal_the_plain_loops():
+def test_disc_sums_equal_plain_loops():
     plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
     octets = np.stack([plane, 1 - plane])
     result = np.full((2, 8, 12), -1)
@@ -195,7 +199,7 @@ def test_disc_sums_equal_the_plain_loops():
     np.testing.assert_array_equal(result[1], oracles.sad.disc_sums(1 - plane[2:, 3:], 6, 3, 10, 8))
 
 
-def test_covariance_is_the_papers_formula_on_the_reference():
+def test_covariance_follows_paper_formula():
     cells = random_rooms((80, 80), seed=11, blocks=5)
     small = SearchWindow(half_width=0.5, step=0.1)
     for estimator in (
@@ -220,7 +224,7 @@ def test_covariance_is_the_papers_formula_on_the_reference():
         np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-12)
 
 
-def test_a_disc_larger_than_the_map_gives_the_same_as_one_just_large_enough():
+def test_disc_beyond_map_changes_nothing():
     cells = random_rooms((21, 30), seed=6)
     at = MapPart.from_map(cells, np.array([10]), np.array([12]), 0.05)
     assert Sad(range=4.75).template_radius(0.05, cells.shape) == 95
@@ -228,7 +232,7 @@ def test_a_disc_larger_than_the_map_gives_the_same_as_one_just_large_enough():
     np.testing.assert_allclose(compared[0], compared[1], rtol=1e-12)
 
 
-def test_a_configured_floor_counts():
+def test_inverse_square_weights_use_floor():
     areas = np.array([0.0, 127.0, 254.0, 2540.0])
     floor = offset_ratio(Sad(weights=InverseSquare(0.01)), areas)
     np.testing.assert_allclose(floor, [1, 1, 1, (0.01 / 0.025) ** 2])
@@ -242,7 +246,7 @@ def offset_ratio(estimator, mismatch):
     return weights / weights[0]
 
 
-def test_cells_left_out_when_stopped_are_nan():
+def test_cells_are_nan_after_stop():
     cells = random_rooms((60, 60), seed=3)
     control = np.array([1, 0])
     rows = np.array([30, 34])
@@ -252,7 +256,7 @@ def test_cells_left_out_when_stopped_are_nan():
     assert control.tolist() == [1, 0]
 
 
-def test_strips_equal_the_plain_loops():
+def test_rotated_strips_equal_plain_loops():
     cells = random_rooms((23, 31), seed=10)
     angles = np.array([0.0, 0.4, -2.0])
     cos, sin, firsts = np.cos(angles), np.sin(angles), np.array([-3, 2, 5])

@@ -44,9 +44,7 @@ def write_cost_planes(cells, rows, cols, radius, window):
     [(40, (32, 16), 2, 16), (61, (32, 16), 4, 3), (90, (32, 16), 3, 2), (181, (64, 32), 8, 2)],
 )
 @pytest.mark.parametrize("shift", sample_cases([1, 0]))
-def test_kept_lines_are_those_of_the_plain_loops(
-    monkeypatch, radius, edges, step, half_steps, shift
-):
+def test_kept_lines_equal_plain_loops(monkeypatch, radius, edges, step, half_steps, shift):
     cells = random_rooms((220, 190), seed=radius)
     window = OffsetLattice(0.05, step, half_steps, np.radians(25), 1)
     rows, cols = [110, 7, 113], [100, 180, 102]
@@ -83,7 +81,7 @@ def compare_with_plain_sums(cells, rows, cols, radius, window, negligible):
 
 @pytest.mark.parametrize("seed", sample_cases(range(3)))
 @pytest.mark.parametrize(("radius", "step"), [(60, 2), (120, 4), (200, 3)])
-def test_rejected_lines_are_beyond_the_limit_on_random_maps(radius, step, seed):
+def test_rejection_respects_limit_on_random_maps(radius, step, seed):
     cells = random_rooms((300, 260), seed=seed, blocks=40)
     window = OffsetLattice(0.05, step, 6, np.radians(20), 2)
     rows, cols = np.random.default_rng(seed).integers(0, 260, (2, 6))
@@ -102,7 +100,7 @@ REAL = [("nav2_depot", 10.0), ("willow_full_stage", 30.0), ("f1tenth_gym_stata_b
     ("name", "reach"), [*REAL[:2], pytest.param(*REAL[2], marks=pytest.mark.long)]
 )
 @pytest.mark.filterwarnings("ignore::locplan.maps.files.MapWarning")
-def test_rejected_lines_are_beyond_the_limit_on_real_maps(real_maps, name, reach):
+def test_rejection_respects_limit_on_real_maps(real_maps, name, reach):
     grid = load_map(next((real_maps / name).glob("*.yaml")))
     estimator = Sad(range=reach)
     window, negligible = (
@@ -132,7 +130,7 @@ def compare_covariances(estimator, part):
         (0.089, 10.0, 0.2),  # offsets lie between the lines that are counted
     ],
 )
-def test_covariances_are_those_of_all_offsets(resolution, reach, tau):
+def test_rejection_does_not_change_covariance(resolution, reach, tau):
     cells = random_rooms((400, 380), seed=int(tau), blocks=60)
     window = SearchWindow(half_width=1.0, half_rotation_deg=20.0)
     estimator = Sad(range=reach, window=window, weights=Exponential(tau))
@@ -147,7 +145,7 @@ def test_covariances_are_those_of_all_offsets(resolution, reach, tau):
         np.testing.assert_array_equal(estimator.covariances(alone)["covariance"][0], together[n])
 
 
-def test_levels_may_be_a_part_of_the_map():
+def test_map_part_gives_same_covariance():
     cells = random_rooms((330, 340), seed=5, blocks=40)
     estimator = Sad(range=10.0, window=SearchWindow(half_width=0.4, step=0.1))
     reach = estimator.halo(0.1, cells.shape)
@@ -160,7 +158,7 @@ def test_levels_may_be_a_part_of_the_map():
     np.testing.assert_array_equal(found, expected)
 
 
-def test_only_the_config_decides_whether_offsets_are_rejected():
+def test_rejection_depends_on_settings_and_resolution():
     assert Sad(range=10.0).negligible_mismatch(0.05) == int(40 * 0.57 * 2 / 0.05**2)
     for other in (
         Sad(range=9.99),
@@ -174,7 +172,7 @@ def test_only_the_config_decides_whether_offsets_are_rejected():
     assert wide.negligible_mismatch(0.05) > Sad(range=10.0).negligible_mismatch(0.05)
 
 
-def test_limits_are_scaled_into_sixteen_bits():
+def test_limits_are_scaled_to_16_bits():
     assert compute_short_scaling(18240) == (18240, 0)
     assert compute_short_scaling(65534) == (65534, 0)
     assert compute_short_scaling(65535) == (32767, 1)
@@ -196,7 +194,7 @@ def lanes_of_distances(counts, values, shift, limit):
 
 @pytest.mark.parametrize("shift", [0, 3])
 @pytest.mark.parametrize("number", [1, 7, 40])
-def test_sums_of_distances_stay_at_the_greatest(shift, number):
+def test_distance_sums_saturate_at_maximum(shift, number):
     rng = np.random.default_rng(number)
     counts = rng.integers(0, 2**16, 40).astype(np.uint16)
     values = rng.integers(0, 2**16, number).astype(np.uint16)
@@ -208,7 +206,7 @@ def test_sums_of_distances_stay_at_the_greatest(shift, number):
 
 
 @pytest.mark.parametrize(("radius", "edge"), [(60, 16), (60, 32), (300, 64), (10, 64)])
-def test_blocks_lie_apart_within_the_disc(radius, edge):
+def test_blocks_are_disjoint_inside_disc(radius, edge):
     rows, cols = find_disc_blocks(radius, edge)
     times = np.zeros((2 * radius + 1, 2 * radius + 1), int)
     for row, col in zip(rows, cols, strict=True):
@@ -221,7 +219,7 @@ def test_blocks_lie_apart_within_the_disc(radius, edge):
         assert times.sum() > 0.7 * make_disc_mask(radius).sum()
 
 
-def test_counts_of_blocks_equal_the_plain_loops():
+def test_block_counts_equal_plain_loops():
     plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
     octets = np.stack([plane | 128, (1 - plane) | 2])  # only the first bit counts
     table = np.full((2, 51, 48), 77, np.uint16)
@@ -234,7 +232,8 @@ def test_counts_of_blocks_equal_the_plain_loops():
         assert counts[1, q, rest, p] == oracles.sad.block_counts(1 - plane, 16, *at)
 
 
-def test_sums_of_more_than_sixteen_bits_wrap_around():
+def test_block_counts_survive_table_overflow():
+    """Sums of more than 16 bits wrap around."""
     octets = np.ones((2, 300, 300), np.uint8)
     table = np.empty((2, 301, 301), np.uint16)
     bitplanes.fill_summed_table(octets, table)
@@ -244,7 +243,7 @@ def test_sums_of_more_than_sixteen_bits_wrap_around():
     assert counts[0, 0, 0, :30].tolist() == [64 * 64] * 30
 
 
-def test_cells_left_out_when_stopped_are_nan():
+def test_cells_are_nan_after_stop():
     cells = random_rooms((100, 100), seed=3)
     part = MapPart.from_map(cells, np.array([50, 54]), np.array([30, 30]), 0.1)
     stopped = replace(part, control=np.array([1, 0]))

@@ -93,7 +93,7 @@ def mode_of(lattice, costs, excess):
 
 
 @pytest.mark.parametrize("resolution", [0.02, 0.05, 0.25])
-def test_costs_are_those_of_the_distances(resolution):
+def test_likelihood_costs_follow_wall_distances(resolution):
     levels, step = random_rooms((23, 31), seed=3, blocks=6), 3
     field = make_likelihood_field(levels, resolution, step, 2)
     planes = field.costs[: step * step * field.plane].reshape(step, step, -1, field.width)
@@ -114,7 +114,7 @@ def test_costs_are_those_of_the_distances(resolution):
 
 
 @pytest.mark.parametrize("level", [FREE, OCCUPIED, UNKNOWN])
-def test_walls_are_hollow(level):
+def test_wall_surface_cells_equal_oracle(level):
     levels = random_rooms((23, 31), seed=4, blocks=6)
     levels[5:13, 20:28] = level
     assert [
@@ -136,7 +136,7 @@ def test_unknown_space_painted_black_changes_little():
     ("step", "half_steps", "rotations", "beams"),
     [(1, 1, 0, 3), (1, 5, 1, 40), (3, 2, 2, 17), (4, 10, 1, 16), (7, 16, 0, 9), (2, 20, 0, 7)],
 )
-def test_costs_are_bit_equal_to_the_plain_loops(step, half_steps, rotations, beams):
+def test_scan_costs_equal_plain_loops(step, half_steps, rotations, beams):
     rng = np.random.default_rng(step * 100 + half_steps)
     levels = random_rooms((19, 26), seed=step, blocks=9)
     window = OffsetLattice(0.05, step, half_steps, math.radians(35), rotations)
@@ -154,7 +154,8 @@ def test_costs_are_bit_equal_to_the_plain_loops(step, half_steps, rotations, bea
         np.testing.assert_array_equal(kernel_costs(field, window, row, col, ends), expected)
 
 
-def test_posterior_is_that_of_the_exact_likelihood_but_for_the_steps_of_cost():
+def test_posterior_approximates_exact_likelihood():
+    """Costs are rounded to whole steps."""
     window = OffsetLattice(0.05, 2, 3, math.radians(20), 2)
     field = make_likelihood_field(levels := random_rooms((40, 50), seed=8), 0.05, 2, 3)
     row, col = np.argwhere(levels == FREE)[300]
@@ -175,7 +176,7 @@ def test_posterior_is_that_of_the_exact_likelihood_but_for_the_steps_of_cost():
 
 @pytest.mark.parametrize("temperature", [0.001, 0.1, 1.0, 30.0])
 @pytest.mark.parametrize(("headings", "half_steps"), [(1, 1), (3, 5), (13, 10), (5, 20)])
-def test_moments_equal_the_plain_loops(temperature, headings, half_steps):
+def test_posterior_moments_equal_plain_loops(temperature, headings, half_steps):
     rng = np.random.default_rng(headings)
     offsets = 2 * half_steps + 1
     values = rng.integers(0, 9000, (headings, offsets, offsets), np.uint32)
@@ -195,7 +196,7 @@ def test_moments_equal_the_plain_loops(temperature, headings, half_steps):
 
 @pytest.mark.parametrize(("headings", "half_steps"), [(1, 1), (1, 16), (3, 5), (13, 10), (5, 20)])
 @pytest.mark.parametrize("share", sample_cases([0.2, 0.5, 0.1, 1.0], 2))
-def test_central_mode_equals_the_plain_search(headings, half_steps, share):
+def test_central_mode_equals_plain_search(headings, half_steps, share):
     rng = np.random.default_rng(headings + half_steps)
     offsets = 2 * half_steps + 1
     high = rng.random((headings, offsets, offsets)) > share
@@ -207,7 +208,7 @@ def test_central_mode_equals_the_plain_search(headings, half_steps, share):
     np.testing.assert_array_equal(mode_of(lattice, costs, excess), expected)
 
 
-def test_without_returns_the_posterior_is_exactly_uniform():
+def test_posterior_is_uniform_without_returns():
     for config in (FieldConfig(), FieldConfig(Sad(window=SearchWindow(half_rotation_deg=0.0)))):
         window = config.estimator.window.to_lattice(0.05)
         ends = np.full((1, 180, 2), np.nan)
@@ -222,7 +223,7 @@ def test_without_returns_the_posterior_is_exactly_uniform():
         assert result.ambiguity[0, 0] == 0
 
 
-def test_a_map_without_walls_is_as_good_as_no_returns():
+def test_posterior_is_uniform_without_walls():
     window = FieldConfig().estimator.window.to_lattice(0.05)
     ends = np.random.default_rng(0).normal(0, 50, (1, 2000, 2))
     result = run(np.full((9, 9), FREE, np.uint8), 0.05, window, [4], [4], ends)
@@ -230,7 +231,7 @@ def test_a_map_without_walls_is_as_good_as_no_returns():
     assert result.ambiguity[0, 0] == 0
 
 
-def test_a_quarter_turn_of_the_map_turns_the_covariance():
+def test_quarter_turn_turns_posterior():
     levels = random_rooms((120, 120), seed=21)
     window = OffsetLattice(0.05, 4, 6, math.radians(10), 3)
     row, col = next(at for at in np.argwhere(levels == FREE) if abs(at - 60).max() < 15)
@@ -249,7 +250,7 @@ def test_a_quarter_turn_of_the_map_turns_the_covariance():
     assert np.linalg.det(expected) > 0
 
 
-def test_a_corridor_is_one_mode_along_its_axis():
+def test_corridor_has_single_mode_along_axis():
     grid = corridor(30.0, 2.0, resolution=0.05)
     window = FieldConfig().estimator.window.to_lattice(0.05)
     row, col = grid.cell((0.0, 0.0))
@@ -269,7 +270,7 @@ def closed_bay(levels, row, col):
     levels[row : row + 9, col : col + 5] = OCCUPIED
 
 
-def test_identical_bays_share_the_probability():
+def test_identical_bays_share_probability():
     window = FieldConfig().estimator.window.to_lattice(0.05)
     levels, entropies = np.full((150, 250), UNKNOWN, np.uint8), []
     for bays, offset in ((1, 0), (2, 32), (3, -32)):  # 1.6 m apart
@@ -282,7 +283,7 @@ def test_identical_bays_share_the_probability():
     np.testing.assert_allclose(np.subtract(entropies, entropies[0]), np.log([1, 2, 3]), atol=0.01)
 
 
-def test_the_tail_of_one_peak_is_no_ambiguity():
+def test_peak_tail_is_not_ambiguous():
     k, j, i = np.mgrid[-6:7, -10:11, -10:11]
     for deviation in (0.3, 1.0, 1.5):
         losses = (i**2 + j**2 + k**2) / (2 * deviation**2)
@@ -301,7 +302,7 @@ def asymmetric_room():
 
 
 @pytest.mark.parametrize(("x", "y"), [(150, 160), (280, 120), (460, 180)])
-def test_noisy_scans_are_matched_about_as_far_off_as_the_posterior_says(x, y):
+def test_posterior_predicts_error_of_scan_matching(x, y):
     levels, beams, sigma = asymmetric_room(), 32, 0.02
     window = OffsetLattice(0.01, 1, 12, math.radians(0.5), 6)
     angles = all_round(beams)
@@ -321,7 +322,7 @@ def test_noisy_scans_are_matched_about_as_far_off_as_the_posterior_says(x, y):
     assert (ratio < 1.4).all()
 
 
-def test_a_part_of_the_map_gives_the_same():
+def test_map_part_gives_same_posterior():
     levels = random_rooms((300, 320), seed=5)
     config = FieldConfig(Sad(range=1.5, window=SearchWindow(half_width=0.8)))
     window = config.estimator.window.to_lattice(0.05)
@@ -345,7 +346,7 @@ def test_many_beams_do_not_overflow():
     assert (kernel_costs(field, window, 30, 30, ends) == 2000 * TOP).all()
 
 
-def test_the_ends_noise_is_that_of_van_der_corputs_sequence():
+def test_end_noise_follows_van_der_corput():
     quantiles = [oracles.beams.radical_inverse(b + 1) for b in range(90)]
     assert quantiles[:5] == [1 / 2, 1 / 4, 3 / 4, 1 / 8, 5 / 8]
     halton = stats.qmc.Halton(1, scramble=False).random(91)[1:, 0]
@@ -364,7 +365,8 @@ def test_the_ends_noise_is_that_of_van_der_corputs_sequence():
 
 
 @pytest.mark.parametrize("beams", [180, 72, 44, 4, 3, 1])
-def test_beams_that_a_mirror_or_a_quarter_turn_exchanges_have_one_noise(beams):
+def test_symmetric_beams_have_equal_noise(beams):
+    """A mirror or a quarter turn exchanges these beams."""
     ahead = Scan(Settings(range=5.0, field_of_view_deg=200.0, beams=beams)).end_deviations
     np.testing.assert_array_equal(ahead, ahead[::-1])
     around = Scan(Settings(range=5.0, beams=beams)).end_deviations
@@ -375,7 +377,7 @@ def test_beams_that_a_mirror_or_a_quarter_turn_exchanges_have_one_noise(beams):
 
 
 @pytest.mark.parametrize(("beams", "counted"), [(1600, 360), (360, 360), (90, 88), (4, 4), (3, 3)])
-def test_of_a_lidar_that_sees_all_round_whole_quarters_count(beams, counted):
+def test_all_round_lidar_compares_whole_quarters(beams, counted):
     """Then a quarter turn takes each beam to another."""
     assert Scan(Settings(range=5.0, beams=beams)).beams_compared == counted
 
@@ -418,7 +420,7 @@ def covariance_in_plain_loops(scan_, levels, resolution, row, col, heading):
 @pytest.mark.parametrize("resolution", [0.05, 0.15])
 @pytest.mark.parametrize("noise", [(0.0, 0.0), (0.06, 0.02)])
 @pytest.mark.parametrize("half_rotation_deg", [20.0, 0.0])
-def test_a_scans_covariance_is_that_of_the_plain_loops(resolution, noise, half_rotation_deg):
+def test_scan_covariance_equals_plain_loops(resolution, noise, half_rotation_deg):
     """On coarse maps sigma is a cell, and the steps are whole cells."""
     window = SearchWindow(half_width=0.3, step=0.1, half_rotation_deg=half_rotation_deg)
     scan_ = Scan(
@@ -439,7 +441,7 @@ def test_a_scans_covariance_is_that_of_the_plain_loops(resolution, noise, half_r
     assert np.ptp(found["entropy"]) > 0.1  # the poses see something, and not the same
 
 
-def test_the_beams_that_count_are_spread_over_the_lidars():
+def test_compared_beams_span_field_of_view():
     for beams, in_quarter in ((10, 4), (180, 81), (361, 90), (1081, 90)):
         lidar = Settings(range=5.0, field_of_view_deg=200.0, beams=beams, mount_yaw_deg=10.0)
         settings, pitch = Scan(lidar), 90 / in_quarter
@@ -453,7 +455,7 @@ def test_the_beams_that_count_are_spread_over_the_lidars():
         assert abs(own - bearings).max() <= np.degrees(np.diff(lidar.angles)[0]) / 2 + 1e-5
 
 
-def test_a_lidar_keeps_beams_as_far_apart_as_those_that_count():
+def test_scan_keeps_widely_spaced_beams():
     """Such are the lasers that the settings are fitted to."""
     for width, beams in ((179.0, 180), (180.0, 181), (180.0, 61)):
         lidar = Settings(range=5.0, field_of_view_deg=width, beams=beams, mount_yaw_deg=-0.5)

@@ -134,7 +134,7 @@ def edited(grid: OccupancyGrid) -> OccupancyGrid:
     return dataclasses.replace(grid, cells=cells)
 
 
-def test_a_field_is_computed_once(grid, tmp_path, computed):
+def test_field_is_computed_once(grid, tmp_path, computed):
     first = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert sum(computed) == first.is_evaluated.sum()
     second = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
@@ -143,7 +143,7 @@ def test_a_field_is_computed_once(grid, tmp_path, computed):
     np.testing.assert_array_equal(first.covariance, covariance_field(grid, QUICK_FIELD).covariance)
 
 
-def test_a_cached_field_is_a_field_like_any_other(grid, tmp_path):
+def test_cached_field_file_can_be_loaded(grid, tmp_path):
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     loaded = CovarianceField.load(field_path(grid, QUICK_FIELD, tmp_path))
     assert loaded.grid.digest == grid.digest
@@ -161,7 +161,7 @@ def test_a_cached_field_is_a_field_like_any_other(grid, tmp_path):
         FieldConfig(Fisher(LIDAR, model="range")),
     ],
 )
-def test_another_config_is_another_field(grid, other):
+def test_cache_path_depends_on_config(grid, other):
     for config in (QUICK_FIELD, FieldConfig(Fisher(LIDAR))):
         assert field_path(grid, config) != field_path(grid, other)
 
@@ -175,11 +175,11 @@ def test_another_config_is_another_field(grid, other):
         (QUICK_FIELD, change_estimator(QUICK_FIELD, weights=Exponential(0.57))),
     ],
 )
-def test_what_decides_no_value_makes_no_other_field(grid, config, other):
+def test_cache_path_ignores_settings_without_effect(grid, config, other):
     assert field_path(grid, config) == field_path(grid, other)
 
 
-def test_another_engine_is_another_field(grid, tmp_path, computed, monkeypatch):
+def test_field_is_recomputed_for_new_engine(grid, tmp_path, computed, monkeypatch):
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     once = sum(computed)
     monkeypatch.setattr(tiles, "ENGINE", tiles.ENGINE + 1)
@@ -187,14 +187,14 @@ def test_another_engine_is_another_field(grid, tmp_path, computed, monkeypatch):
     assert sum(computed) == 2 * once
 
 
-def test_the_name_of_the_map_is_todays(grid, tmp_path):
+def test_cached_field_has_current_map_name(grid, tmp_path):
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     renamed = dataclasses.replace(grid, name="other")
     assert load_or_compute(renamed, QUICK_FIELD, cache_dir=tmp_path).grid.name == "other"
 
 
 @pytest.mark.parametrize("more_tiles", sample_cases([2, 0]))
-def test_a_killed_run_is_resumed(grid, tmp_path, more_tiles, computed, other):
+def test_field_resumes_after_killed_process(grid, tmp_path, more_tiles, computed, other):
     for _ in range(more_tiles):
         other.compute_a_tile()
     other.kill()
@@ -204,9 +204,8 @@ def test_a_killed_run_is_resumed(grid, tmp_path, more_tiles, computed, other):
     assert [entry.finished_share for entry in list_cache_entries(tmp_path)] == [1.0]
 
 
-def test_while_another_process_computes_one_waits_and_sees_how_far_it_is(
-    grid, tmp_path, computed, other
-):
+def test_waiting_process_reports_progress(grid, tmp_path, computed, other):
+    """Another process computes the same field."""
     shares = []
 
     def waiting(done, total):
@@ -220,7 +219,7 @@ def test_while_another_process_computes_one_waits_and_sees_how_far_it_is(
     assert not computed
 
 
-def test_whoever_waits_goes_on_where_a_killed_process_was(grid, tmp_path, computed, other):
+def test_waiting_process_resumes_killed_computation(grid, tmp_path, computed, other):
     seen = []
 
     def waiting(done, total):
@@ -309,7 +308,7 @@ def test_damaged_field_is_computed_again(grid, tmp_path, computed, damage, caplo
     assert not computed
 
 
-def test_file_of_another_field_is_not_believed(grid, tmp_path, caplog):
+def test_cache_rejects_file_of_other_field(grid, tmp_path, caplog):
     other = dataclasses.replace(grid, cells=np.where(grid.cells == UNKNOWN, 0, grid.cells))
     load_or_compute(other, QUICK_FIELD, cache_dir=tmp_path)
     os.rename(field_path(other, QUICK_FIELD, tmp_path), field_path(grid, QUICK_FIELD, tmp_path))
@@ -324,7 +323,7 @@ def test_unwritable_cache_is_logged(grid, tmp_path, caplog):
     assert field.is_evaluated.any()
 
 
-def test_full_disk_is_logged_and_parts_count(
+def test_full_disk_keeps_finished_parts(
     grid, tmp_path, monkeypatch, computed, parts_of_tiles, caplog
 ):
     write, written = files.write_points, []
@@ -347,7 +346,7 @@ def test_full_disk_is_logged_and_parts_count(
 
 
 @respects_permissions
-def test_a_read_only_cache_serves_what_it_holds(grid, tmp_path, computed, caplog):
+def test_read_only_cache_serves_fields(grid, tmp_path, computed, caplog):
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     computed.clear()
     for folder, _, names in os.walk(tmp_path):
@@ -364,7 +363,7 @@ def test_a_read_only_cache_serves_what_it_holds(grid, tmp_path, computed, caplog
         os.chmod(folder, 0o755)
 
 
-def test_an_edited_map_is_computed_only_where_the_change_is_felt(grid, tmp_path, computed):
+def test_edited_map_recomputes_changed_part(grid, tmp_path, computed):
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     after = edited(grid)
     computed.clear()
@@ -379,13 +378,13 @@ def test_an_edited_map_is_computed_only_where_the_change_is_felt(grid, tmp_path,
     assert not computed
 
 
-def test_edited_map_takes_nothing_from_damaged_field(grid, tmp_path):
+def test_edited_map_ignores_damaged_field(grid, tmp_path):
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     flip_bit(field_path(grid, QUICK_FIELD, tmp_path))
     assert equals_computed(load_or_compute(edited(grid), QUICK_FIELD, cache_dir=tmp_path))
 
 
-def test_what_was_read_was_used(grid, tmp_path):
+def test_cache_read_updates_last_use(grid, tmp_path):
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     os.utime(field_path(grid, QUICK_FIELD, tmp_path), (0, 0))
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
@@ -399,7 +398,7 @@ def test_map_without_free_cells_is_cached(tmp_path, monkeypatch):
     assert not load_or_compute(nothing, QUICK_FIELD, cache_dir=tmp_path).is_evaluated.any()
 
 
-def test_field_of_earlier_version_is_not_read(grid, tmp_path, computed):
+def test_cache_ignores_field_of_earlier_version(grid, tmp_path, computed):
     path = field_path(grid, QUICK_FIELD, tmp_path)
     path.with_suffix(".zarr").mkdir()
     (path.with_suffix(".zarr") / "zarr.json").write_text("{}")

@@ -78,21 +78,21 @@ def route(grid: OccupancyGrid, *, blocked: tuple[float, float, float, float] | N
 
 @pytest.mark.parametrize("name", NAMES)
 class TestEveryEnvironment:
-    def test_is_the_same_every_time(self, name: str) -> None:
+    def test_environment_is_reproducible(self, name: str) -> None:
         assert environments.make(name).digest == environments.make(name).digest
         assert environments.make(name, seed=1).digest == make(name).digest
 
-    def test_bears_its_name_and_its_world_coordinates(self, name: str) -> None:
+    def test_environment_has_name_and_origin(self, name: str) -> None:
         grid = make(name)
         assert grid.name == name
         assert grid.origin[2] == 0
         assert all(-1 <= v <= -0.5 for v in grid.origin[:2])
         assert all(v % 2 == 0 for v in grid.shape)
 
-    def test_has_all_three_levels(self, name: str) -> None:
+    def test_environment_has_all_three_levels(self, name: str) -> None:
         assert set(np.unique(make(name).cells)) == {FREE, UNKNOWN, OCCUPIED}
 
-    def test_is_surrounded_by_a_tight_margin_of_unknown_space(self, name: str) -> None:
+    def test_margin_of_unknown_space_is_tight(self, name: str) -> None:
         grid = make(name)
         rows, cols = np.nonzero(grid.free)
         for low, high, size in (
@@ -117,7 +117,7 @@ class TestEveryEnvironment:
         assert ndimage.label(make(name, resolution=resolution).free)[1] == 1
 
     @pytest.mark.parametrize("resolution", RESOLUTIONS)
-    def test_a_robot_reaches_every_landmark(self, name: str, resolution: float) -> None:
+    def test_robot_reaches_every_place(self, name: str, resolution: float) -> None:
         grid = make(name, resolution=resolution)
         rooms, _ = ndimage.label(grid.free & (grid.clearance >= ROBOT_RADIUS))
         found = {rooms[grid.cell(at)] for at in environments.place_positions(name).values()}
@@ -135,12 +135,12 @@ class TestEveryEnvironment:
 
 
 @pytest.mark.parametrize("name", ["two_corridors", "office", "warehouse", "hall", "places"])
-def test_the_maps_that_are_checked_in_are_those_that_are_generated(name: str) -> None:
+def test_checked_in_maps_equal_generated_maps(name: str) -> None:
     assert load_map(MAPS / f"{name}.yaml") == make(name)
 
 
 @pytest.mark.parametrize("name", ["two_corridors", "office", "warehouse"])
-def test_large_plans_span_forty_metres(name: str) -> None:
+def test_large_maps_span_40_m(name: str) -> None:
     grid = make(name)
     assert grid.shape[1] * grid.resolution >= 40
     places = environments.place_positions(name)
@@ -151,14 +151,14 @@ class TestPlaces:
     grid = make("places")
     at = environments.place_positions("places")
 
-    def test_corridor_b_shows_no_end_within_range_and_window(self) -> None:
+    def test_corridor_b_has_no_visible_end(self) -> None:
         x, y = self.at["B"]
         assert (box(self.grid, x - 12, y - 0.95, x + 12, y + 0.95) == FREE).all()
         around = box(self.grid, x - 8, y - 8, x + 8, y + 6)
         assert (around == around[:, :1]).all()
         assert mismatch(self.grid, (x, y), (2.0, 0.0)) == 0
 
-    def test_room_c_is_round_but_for_a_narrow_door(self) -> None:
+    def test_room_c_is_round_except_door(self) -> None:
         headings = np.arange(0, 2 * math.pi, 0.05)
         ranges = np.array([range_to_wall(self.grid, self.at["C"], h) for h in headings])
         radius = np.median(ranges)
@@ -167,7 +167,8 @@ class TestPlaces:
         assert 3.5 <= radius <= 5
         assert ranges[door].max() > radius + 1
 
-    def test_corridor_d_repeats_every_1_6_m(self) -> None:
+    def test_corridor_d_repeats_periodically(self) -> None:
+        """The period is 1.6 m."""
         x, y = self.at["D"]
         cells = box(self.grid, x - 10.8, y - 3, x + 10.8, y + 1.8)
         period = round(1.6 / self.grid.resolution)
@@ -176,7 +177,7 @@ class TestPlaces:
         assert mismatch(self.grid, (x, y), (1.6, 0.0)) == 0
         assert mismatch(self.grid, (x, y), (0.8, 0.0)) > 1.5
 
-    def test_room_a_is_unlike_itself_at_every_offset(self) -> None:
+    def test_complex_room_differs_at_every_offset(self) -> None:
         steps = np.arange(-2, 2.1, 0.4)
         offsets = [(dx, dy) for dx in steps for dy in steps if math.hypot(dx, dy) > 0.1]
         assert min(mismatch(self.grid, self.at["A"], d) for d in offsets) > 5
@@ -189,17 +190,17 @@ class TestHall:
     def test_middle_is_far_from_every_wall(self) -> None:
         assert self.grid.clearance[self.grid.cell(self.at["E"])] > 12
 
-    def test_open_floor_is_forty_by_thirty_metres(self) -> None:
+    def test_hall_floor_is_40_by_30(self) -> None:
         x, y = self.at["E"]
         assert (box(self.grid, x - 20, y - 15, x + 20, y + 15) == FREE).all()
 
-    def test_both_the_floor_and_the_rooms_beside_it_lead_to_the_goal(self) -> None:
+    def test_hall_rooms_offer_longer_route(self) -> None:
         direct = route(self.grid, blocked=None)
         around = route(self.grid, blocked=(18, 0, 25, 32.7))
         assert direct == pytest.approx(36, abs=0.5)
         assert direct * 1.1 < around < direct * 1.6
 
-    def test_rooms_beside_it_are_well_marked(self) -> None:
+    def test_hall_rooms_have_features(self) -> None:
         steps = np.arange(-2, 2.1, 0.4)
         offsets = [(dx, dy) for dx in steps for dy in steps if math.hypot(dx, dy) > 0.1]
         assert min(mismatch(self.grid, self.at["F"], d) for d in offsets) > 1.5
@@ -209,7 +210,8 @@ class TestTwoCorridors:
     grid = make("two_corridors")
     at = environments.place_positions("two_corridors")
 
-    def test_start_and_goal_lie_in_the_rooms_at_the_ends(self) -> None:
+    def test_start_and_goal_have_fixed_positions(self) -> None:
+        """They lie in the rooms at the ends."""
         assert self.at["start"] == (2, 3)
         assert self.at["goal"] == (38, 3)
 
@@ -219,7 +221,8 @@ class TestTwoCorridors:
         for dx in np.arange(-2, 2.1, 0.4):
             assert mismatch(self.grid, (x, y), (dx, 0.0)) < 1e-9
 
-    def test_irregular_corridor_is_longer_by_a_quarter_to_a_third(self) -> None:
+    def test_irregular_corridor_is_moderately_longer(self) -> None:
+        """The route is a quarter to a third longer."""
         short = route(self.grid, blocked=None)
         long = route(self.grid, blocked=(18, 1.5, 22, 4.5))
         assert 1.25 <= long / short <= 1.35
@@ -229,7 +232,7 @@ class TestTwoCorridors:
         [(7.5, 9.8, 32.5, 14.4), (0.5, 0.5, 6.5, 13.5), (33.5, 0.5, 39.5, 13.5)],
         ids=["irregular corridor", "western room", "eastern room"],
     )
-    def test_well_marked_everywhere_but_in_the_short_corridor(
+    def test_areas_outside_short_corridor_have_features(
         self, area: tuple[float, float, float, float]
     ) -> None:
         near = [(0.4 * math.cos(a), 0.4 * math.sin(a)) for a in np.arange(8) * math.pi / 4]
@@ -251,7 +254,7 @@ def test_warehouse_aisles_are_identical() -> None:
     assert (cells[period:] == cells[:-period]).all()
 
 
-def test_office_has_two_dozen_rooms_behind_doors() -> None:
+def test_office_has_at_least_24_rooms() -> None:
     grid = make("office")
     # What a disc as wide as a door cannot pass falls apart into rooms.
     parts, _ = ndimage.label(grid.free & (grid.clearance > 0.55))
@@ -262,15 +265,15 @@ def test_office_has_two_dozen_rooms_behind_doors() -> None:
 class TestBoundaryNoise:
     grid = make("two_corridors")
 
-    def test_nothing_flips_at_zero(self) -> None:
+    def test_zero_noise_changes_no_cell(self) -> None:
         assert environments.with_boundary_noise(self.grid, 0.0, seed=3).digest == self.grid.digest
 
-    def test_every_boundary_cell_flips_at_one(self) -> None:
+    def test_full_noise_flips_every_boundary_cell(self) -> None:
         noisy = environments.with_boundary_noise(self.grid, 1.0)
         assert ((noisy.cells != self.grid.cells) == boundary(self.grid)).all()
 
     @pytest.mark.parametrize("fraction", [0.05, 0.1, 0.5])
-    def test_flips_the_given_share_of_boundary_cells_and_no_other(self, fraction: float) -> None:
+    def test_noise_flips_share_of_boundary_cells(self, fraction: float) -> None:
         noisy = environments.with_boundary_noise(self.grid, fraction, seed=2)
         changed, at_boundary = noisy.cells != self.grid.cells, boundary(self.grid)
         assert not (changed & ~at_boundary).any()
@@ -278,14 +281,15 @@ class TestBoundaryNoise:
         assert ((noisy.cells == UNKNOWN) == (self.grid.cells == UNKNOWN)).all()
         assert (noisy.cells[changed].astype(int) == 254 - self.grid.cells[changed]).all()
 
-    def test_follows_the_seed(self) -> None:
+    def test_noise_follows_seed(self) -> None:
         first, again, other = (
             environments.make("places", boundary_noise=0.1, seed=seed).digest for seed in (1, 1, 2)
         )
         assert first == again != other
         assert first != make("places").digest
 
-    def test_keeps_name_place_and_the_original(self) -> None:
+    def test_noise_keeps_name_and_origin(self) -> None:
+        """The original map does not change either."""
         before = self.grid.digest
         noisy = environments.with_boundary_noise(self.grid, 0.3)
         assert (noisy.name, noisy.origin, noisy.shape) == (
@@ -295,14 +299,14 @@ class TestBoundaryNoise:
         )
         assert self.grid.digest == before
 
-    def test_a_map_without_boundaries_stays_as_it_is(self) -> None:
+    def test_noise_keeps_map_without_boundaries(self) -> None:
         grid = OccupancyGrid(np.full((5, 7), FREE), resolution=0.05)
         assert environments.with_boundary_noise(grid, 1.0).digest == grid.digest
 
 
 class TestErrors:
     @pytest.mark.parametrize("call", [environments.make, environments.place_positions])
-    def test_unknown_name_lists_the_choices(self, call: object) -> None:
+    def test_unknown_name_error_lists_choices(self, call: object) -> None:
         assert callable(call)
         with pytest.raises(ConfigError, match=", ".join(NAMES)) as caught:
             call("garden")
@@ -310,22 +314,22 @@ class TestErrors:
         assert "\n" not in str(caught.value)
 
     @pytest.mark.parametrize("resolution", [0.0, -0.05, 1e-4, 0.5, math.nan, math.inf, "fine"])
-    def test_resolution_out_of_range(self, resolution: float) -> None:
+    def test_make_rejects_resolution_out_of_range(self, resolution: float) -> None:
         with pytest.raises(ConfigError, match=r"resolution must be 0\.01 to 0\.1"):
             environments.make("hall", resolution=resolution)
 
     @pytest.mark.parametrize("fraction", [-0.1, 1.1, math.nan, None])
-    def test_noise_out_of_range(self, fraction: float) -> None:
+    def test_make_rejects_noise_out_of_range(self, fraction: float) -> None:
         with pytest.raises(ConfigError, match="boundary_noise must be"):
             environments.make("places", resolution=0.1, boundary_noise=fraction)
 
     @pytest.mark.parametrize("seed", [-1, 0.5, None])
-    def test_seed_out_of_range(self, seed: int) -> None:
+    def test_make_rejects_invalid_seed(self, seed: int) -> None:
         with pytest.raises(ConfigError, match="seed must be a whole number of at least 0"):
             environments.make("places", resolution=0.1, seed=seed)
 
 
-def test_landmarks_are_the_callers_to_change() -> None:
+def test_place_positions_returns_copy() -> None:
     environments.place_positions("hall").clear()
     assert environments.place_positions("hall")
 

@@ -87,7 +87,8 @@ def refusal(file: Path) -> str:
 # --- what a pixel means -----------------------------------------------------------------------
 
 
-def test_a_folder_with_one_map_is_that_map(tmp_path):
+def test_load_map_reads_map_in_folder(tmp_path):
+    """A folder with several maps is ambiguous."""
     grid = ascii_map("..#")
     save_map(grid, tmp_path / "hall.yaml")
     assert load_map(tmp_path) == grid
@@ -100,11 +101,11 @@ def test_a_folder_with_one_map_is_that_map(tmp_path):
         load_map(tmp_path)
 
 
-def test_top_row_of_the_image_has_the_highest_y(tmp_path):
+def test_top_image_row_has_highest_y(tmp_path):
     assert load(tmp_path, [[0, 254], [205, 254]]) == [[U, F], [X, F]]
 
 
-def test_trinary_includes_the_ends_of_both_thresholds(tmp_path):
+def test_trinary_mode_includes_both_thresholds(tmp_path):
     # occupancy 1, .8, .6, .4, .2, 0
     pixels = [[0, 51, 102, 153, 204, 255]]
     changes = {"occupied_thresh": "0.8", "free_thresh": "0.2"}
@@ -118,24 +119,27 @@ def test_negate_makes_white_occupied(tmp_path):
         assert load(tmp_path, [[0, 205, 255]], negate=negate) == [[X, U, F]]
 
 
-def test_scale_leaves_values_between_the_thresholds_unknown(tmp_path):
+def test_scale_mode_reads_intermediate_as_unknown(tmp_path):
     assert load(tmp_path, [[0, 100, 128, 200, 255]], mode="scale") == [[X, U, U, U, F]]
 
 
-def test_raw_reads_per_cent_and_ignores_negate(tmp_path):
+def test_raw_mode_ignores_negate(tmp_path):
+    """The values are per cent."""
     for negate in ("0", "1"):
         cells = load(tmp_path, [[0, 19, 20, 64, 65, 100, 101, 255]], mode="raw", negate=negate)
         assert cells == [[F, F, U, U, X, X, U, U]]
 
 
-def test_blanks_in_a_header_take_linear_time(tmp_path):
+def test_pgm_header_may_contain_many_blanks(tmp_path):
+    """A careless regular expression would take very long."""
     write_yaml(tmp_path)
     content = b"P5" + b" " * 400 + b"2 1 255\n" + bytes([0, 255])
     (tmp_path / "map.pgm").write_bytes(content)
     assert load_map(tmp_path / "map.yaml").cells.tolist() == [[X, F]]
 
 
-def test_raw_ignores_alpha_but_refuses_16_bits(tmp_path):
+def test_raw_mode_requires_8_bits(tmp_path):
+    """Alpha is ignored."""
     assert load_picture(tmp_path, picture([[[0, 0], [100, 9]]]), mode="raw") == [[F, X]]
     write_pgm(tmp_path, [[0, 100]], 65535)
     assert "8 bits" in refusal(write_yaml(tmp_path, mode="raw"))
@@ -151,7 +155,7 @@ def test_less_than_opaque_is_unknown(tmp_path, mode):
     assert load_picture(tmp_path, colours, mode=mode) == [[F, U, X]]
 
 
-def test_a_transparent_colour_is_unknown(tmp_path):
+def test_transparent_colour_is_unknown(tmp_path):
     for kind, clear, rest in (("u1", 7, 0), ("u2", 700, 0)):
         picture([[clear, rest]], kind).save(tmp_path / "map.png", transparency=clear)
         grid = load_map(write_yaml(tmp_path, image="map.png"))
@@ -173,7 +177,7 @@ def test_palette_entries_are_looked_up(tmp_path):
     assert load_map(write_yaml(tmp_path, image="map.png")).cells.tolist() == [[U, X, U]]
 
 
-def test_one_bit_images_have_free_and_occupied_cells(tmp_path):
+def test_bilevel_image_has_no_unknown_cells(tmp_path):
     bits = picture([[0, 255, 255]]).convert("1")
     assert load_picture(tmp_path, bits) == [[X, F, F]]
     assert load_picture(tmp_path, bits, "pbm") == [[X, F, F]]
@@ -202,21 +206,21 @@ def test_plain_pgm_may_hold_comments(tmp_path):
 # --- the YAML and the paths -------------------------------------------------------------------
 
 
-def test_header_gives_resolution_origin_with_yaw_and_name(tmp_path):
+def test_yaml_sets_resolution_origin_and_name(tmp_path):
     write_pgm(tmp_path, [[254]])
     changes = {"resolution": "5e-2", "origin": '["1", -2.5, 1.57]'}
     grid = load_map(write_yaml(tmp_path, "hall 2.yaml", **changes))
     assert (grid.resolution, grid.origin, grid.name) == (0.05, (1.0, -2.5, 1.57), "hall 2")
 
 
-def test_byte_order_mark_and_other_keys_are_ignored(tmp_path):
+def test_yaml_ignores_bom_and_unknown_keys(tmp_path):
     write_pgm(tmp_path, [[254]])
     file = write_yaml(tmp_path, type="[a, {b: c}]")
     file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
     assert load_map(file).shape == (1, 1)
 
 
-def test_paths_may_be_absolute_home_or_of_any_characters(tmp_path, monkeypatch):
+def test_image_path_accepts_home_and_unicode(tmp_path, monkeypatch):
     folder = tmp_path / "Größe 図"
     folder.mkdir()
     write_pgm(folder, [[254]], name="wöhn zimmer (1).pgm")
@@ -230,7 +234,7 @@ def test_paths_may_be_absolute_home_or_of_any_characters(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("negate", "grey"), [("0", 205), ("1", 50)])
-def test_unknown_grey_read_as_free_is_warned_of(tmp_path, negate, grey):
+def test_load_map_warns_of_free_grey(tmp_path, negate, grey):
     write_pgm(tmp_path, [[grey, grey, 255, 0]])
     file = write_yaml(tmp_path, negate=negate, free_thresh="0.25")
     with pytest.warns(MapWarning, match=r"2 pixels \(50%\).*free_thresh: 0.196") as caught:
@@ -238,7 +242,8 @@ def test_unknown_grey_read_as_free_is_warned_of(tmp_path, negate, grey):
     assert caught[0].filename == __file__
 
 
-def test_grey_is_not_warned_of_where_it_is_rare_raw_or_unknown(tmp_path):
+def test_load_map_accepts_harmless_grey_silently(tmp_path):
+    """Grey is harmless if it is rare, raw or read as unknown."""
     rare = [[205] + [254] * 99]
     assert load(tmp_path, rare, free_thresh="0.25") == [[F] * 100]
     assert load(tmp_path, [[205]], free_thresh="0.25", mode="raw") == [[U]]
@@ -295,7 +300,7 @@ def test_bad_entries_are_refused_by_name(tmp_path, changes, phrase):
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
     ],
 )
-def test_what_is_no_map_yaml_is_refused(tmp_path, content, phrase):
+def test_load_map_rejects_invalid_yaml(tmp_path, content, phrase):
     file = tmp_path / "map.yaml"
     file.write_bytes(content)
     message = refusal(file)
@@ -303,7 +308,7 @@ def test_what_is_no_map_yaml_is_refused(tmp_path, content, phrase):
     assert phrase in message
 
 
-def test_half_as_many_pixels_are_read_of_images_with_several_bytes_each(tmp_path, monkeypatch):
+def test_pixel_limit_halves_for_colour_images(tmp_path, monkeypatch):
     monkeypatch.setattr("locplan.maps.files.MAX_PIXELS", 100)
     for mode, size in (("L", (10, 10)), ("RGB", (10, 5))):
         Image.new(mode, size).save(tmp_path / "a.png")
@@ -313,7 +318,7 @@ def test_half_as_many_pixels_are_read_of_images_with_several_bytes_each(tmp_path
 
 
 @pytest.mark.parametrize("mode", ["L", "P", "RGBA"])
-def test_a_map_is_read_in_a_few_bytes_for_each_pixel(tmp_path, mode):
+def test_load_map_limits_memory_per_pixel(tmp_path, mode):
     image = Image.new("L", (512, 8192), 254)
     image.paste(100, (0, 0, 99, 99))
     image.convert(mode).save(tmp_path / "a.png", **({"transparency": 9} if mode == "P" else {}))
@@ -327,7 +332,7 @@ def test_a_map_is_read_in_a_few_bytes_for_each_pixel(tmp_path, mode):
 
 
 @pytest.mark.parametrize("name", ["map.pgm", "my map.png", "map.bmp"])
-def test_image_as_map_gets_yaml_to_save(tmp_path, name):
+def test_load_map_suggests_yaml_for_image(tmp_path, name):
     Image.fromarray(np.full((20, 30), 254, np.uint8)).save(tmp_path / name)
     with pytest.raises(MapError, match="is an image, not a map's YAML; save these lines") as fault:
         load_map(tmp_path / name)
@@ -353,14 +358,14 @@ def test_image_of_another_machine_is_named(tmp_path, folder):
 
 
 @pytest.mark.parametrize("image", ["/home/someone/Hall.pgm", "hall.png"])
-def test_image_of_alike_name_is_suggested(tmp_path, image):
+def test_image_of_similar_name_is_suggested(tmp_path, image):
     file = write_yaml(tmp_path, image=image)
     write_pgm(tmp_path, [[254]])
     (tmp_path / "map.pgm").rename(tmp_path / "hall.pgm")
     assert refusal(file).endswith("; 'hall.pgm' lies next to the YAML: write image: hall.pgm")
 
 
-def test_missing_files_folders_and_pipes_are_refused(tmp_path):
+def test_missing_files_and_pipes_are_refused(tmp_path):
     assert "there is no such file; check its name" in refusal(tmp_path / "none.yaml")
     assert "is a folder without any map" in refusal(tmp_path)
     if hasattr(os, "mkfifo"):
@@ -409,12 +414,12 @@ def test_damaged_images_are_refused(tmp_path, content, phrase):
     assert phrase in message
 
 
-def test_the_content_decides_not_the_suffix(tmp_path):
+def test_image_content_overrides_suffix(tmp_path):
     (tmp_path / "map.pgm").write_bytes(png(2, 1, b"\0\x00\xff"))
     assert load_map(write_yaml(tmp_path)).cells.tolist() == [[X, F]]
 
 
-def test_pillows_own_limit_is_left_alone(tmp_path, monkeypatch):
+def test_load_map_keeps_pillow_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 2)  # 3 pixels warn, 5 are an error
     assert load(tmp_path, [[0, 0, 255]]) == [[X, X, F]]
     assert load(tmp_path, [[255] * 5]) == [[F] * 5]
@@ -422,7 +427,7 @@ def test_pillows_own_limit_is_left_alone(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("limit", [None, 2**40, 89478485])
-def test_too_many_pixels_are_refused_before_decoding(tmp_path, monkeypatch, limit):
+def test_large_image_is_refused_before_decoding(tmp_path, monkeypatch, limit):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", limit)
     monkeypatch.setattr(pixels, "_decode_image", lambda _: pytest.fail("it is decoded"))
     monkeypatch.setattr(pixels, "PIXELS_PER_BYTE", 2**40)
@@ -442,7 +447,7 @@ WAYS = [
 
 
 @pytest.mark.parametrize(("mode", "kind", "negate"), WAYS)
-def test_a_saved_map_loads_as_it_was(tmp_path, mode, kind, negate):
+def test_loaded_map_equals_saved_map(tmp_path, mode, kind, negate):
     file = tmp_path / "Größe (1).yaml"
     save_map(GRID, file, mode=mode, image_format=kind, negate=negate)
     assert load_map(file).digest == GRID.digest
@@ -457,7 +462,7 @@ def test_numbers_are_written_exactly(tmp_path, number):
     assert load_map(tmp_path / "map.yaml").digest == grid.digest
 
 
-def test_trinary_pixels_are_those_of_map_saver(tmp_path):
+def test_trinary_pixels_equal_map_saver(tmp_path):
     grid = OccupancyGrid(np.array([[F, U, X]]), 0.05)
     for negate, values in ((False, [254, 205, 0]), (True, [1, 50, 255])):
         save_map(grid, tmp_path / "map.yaml", negate=negate)
@@ -476,7 +481,7 @@ def test_trinary_pixels_are_those_of_map_saver(tmp_path):
         ("taken.yaml", {}, "writable folder"),
     ],
 )
-def test_what_cannot_be_written_leaves_nothing(tmp_path, name, options, phrase):
+def test_rejected_save_writes_no_file(tmp_path, name, options, phrase):
     (tmp_path / "file").write_text("")
     (tmp_path / "taken.yaml").mkdir()
     before = sorted(tmp_path.iterdir())
@@ -488,7 +493,7 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path, name, options, phrase):
 
 
 @respects_permissions
-def test_an_unwritable_folder_is_refused(tmp_path):
+def test_save_map_rejects_unwritable_folder(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(MapError, match="Permission denied"):
         save_map(GRID, tmp_path / "map.yaml")
@@ -496,7 +501,7 @@ def test_an_unwritable_folder_is_refused(tmp_path):
 
 @pytest.mark.parametrize("existing", [True, False])
 @pytest.mark.parametrize("step", ["write_text", "replace"])
-def test_a_failure_while_writing_keeps_the_old_files(tmp_path, monkeypatch, step, existing):
+def test_failed_save_keeps_old_files(tmp_path, monkeypatch, step, existing):
     file = tmp_path / "map.yaml"
     if existing:
         save_map(OccupancyGrid(np.array([[F, X]]), 0.05), file)
@@ -528,7 +533,7 @@ def expectations() -> dict[str, str]:
 
 @pytest.mark.parametrize("case", [*expectations()] or ["absent"])
 @pytest.mark.filterwarnings("ignore::locplan.maps.files.MapWarning")
-def test_collected_inputs_load_or_are_refused_as_listed(collected, case):
+def test_collected_inputs_behave_as_listed(collected, case):
     file, expected = MALFORMED / case / "map.yaml", expectations()[case]
     if expected == "clear-error":
         refusal(file)
@@ -541,7 +546,7 @@ def test_collected_inputs_load_or_are_refused_as_listed(collected, case):
             refusal(file)
 
 
-def test_the_list_of_collected_inputs_is_complete(collected):
+def test_collected_input_list_is_complete(collected):
     assert set(expectations()) == {d.name for d in MALFORMED.iterdir() if d.is_dir()}
 
 
@@ -560,7 +565,7 @@ OTHER_DRAWINGS = {
 }
 
 
-def test_collected_encodings_of_one_drawing_give_the_same_cells(collected):
+def test_collected_encodings_give_same_cells(collected):
     plain = load_map(MALFORMED / "ok_plain" / "map.yaml").cells
     assert counts(plain) == (464, 32, 104)
     same = {case for case in expectations() if case.startswith("ok_")} - OTHER_DRAWINGS
@@ -569,7 +574,7 @@ def test_collected_encodings_of_one_drawing_give_the_same_cells(collected):
         assert np.array_equal(load_map(MALFORMED / case / "map.yaml").cells, plain), case
 
 
-def test_other_collected_drawings_give_the_cells_of_their_pixels(collected):
+def test_collected_drawings_give_expected_cells(collected):
     plain = load_map(MALFORMED / "ok_plain" / "map.yaml").cells
     without_unknown = np.where(plain == UNKNOWN, FREE, plain)
     two_levels = load_map(MALFORMED / "ok_png_1bit" / "map.yaml").cells
@@ -591,7 +596,7 @@ def test_other_collected_drawings_give_the_cells_of_their_pixels(collected):
         assert counts(load_map(MALFORMED / case / "map.yaml").cells) == expected_counts
 
 
-def test_real_maps_load_and_warn_where_free_thresh_swallows_grey(collected):
+def test_real_maps_warn_of_free_grey(collected):
     files = sorted(ROSMAPS.glob("*/*.yaml"))
     assert len(files) >= 55
     for file in files:

@@ -10,7 +10,7 @@ from locplan.errors import MapError, PoseError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 
-def test_cells_of_many_positions_are_those_of_each():
+def test_cell_accepts_position_array():
     grid = OccupancyGrid(np.full((4, 6), FREE), 0.5, (10.0, 20.0, 0.3))
     xy = np.random.default_rng(2).uniform((8, 18), (14, 24), (40, 2))
     rows, cols = grid.cell(xy)
@@ -29,7 +29,7 @@ def test_cell_ignores_headings():
     assert grid.cell(poses[0]) == grid.cell(tuple(poses[0, :2]))
 
 
-def test_position_of_many_cells_is_that_of_each():
+def test_position_accepts_cell_arrays():
     grid = OccupancyGrid(np.full((4, 6), FREE), 0.5, (10.0, 20.0, 0.3))
     cells = np.argwhere(grid.free)
     xy = grid.position(*cells.T)
@@ -37,7 +37,7 @@ def test_position_of_many_cells_is_that_of_each():
     np.testing.assert_array_equal(np.column_stack(grid.cell(xy)), cells)
 
 
-def test_row_zero_is_the_lowest_y():
+def test_row_zero_has_lowest_y():
     grid = ascii_map(
         "#..",
         "...",
@@ -58,18 +58,19 @@ def test_world_and_cells_are_inverse(yaw):
     np.testing.assert_allclose(grid.world_to_grid(x, y), (2.25, 3.75))
 
 
-def test_yaw_turns_the_axes_counter_clockwise():
+def test_yaw_turns_axes_counter_clockwise():
     grid = OccupancyGrid(np.full((4, 4), FREE), 1.0, (0.0, 0.0, np.pi / 2))
     np.testing.assert_allclose(grid.grid_to_world(0.0, 2.0), (0.0, 2.0), atol=1e-12)
 
 
-def test_positions_outside_have_no_cell_of_the_grid():
+def test_grid_does_not_contain_outside_positions():
     grid = OccupancyGrid(np.full((4, 4), FREE), 1.0)
     assert grid.cell((-0.1, 5.0)) == (5, -1)
     assert not grid.contains(5, -1)
 
 
-def test_clearance_is_the_distance_to_the_nearest_square():
+def test_clearance_is_distance_to_occupied_cell():
+    """The distance ends at the cell's edge, not at its centre."""
     rng = np.random.default_rng(1)
     cells = np.where(rng.random((20, 23)) < 0.04, OCCUPIED, FREE).astype(np.uint8)
     grid = OccupancyGrid(cells, 0.05)
@@ -85,14 +86,14 @@ def test_without_walls_clearance_is_infinite():
     assert np.isinf(ascii_map("..", "..").clearance).all()
 
 
-def test_digest_depends_on_content_not_on_the_name():
+def test_digest_depends_on_content_not_name():
     grid = OccupancyGrid(np.full((4, 4), FREE), 0.1, name="a")
     assert grid.digest == OccupancyGrid(grid.cells, 0.1, name="b").digest
     assert grid.digest != OccupancyGrid(grid.cells, 0.2).digest
     assert grid.digest != OccupancyGrid(grid.cells.reshape(2, 8), 0.1).digest
 
 
-def test_digest_depends_on_the_place_in_the_world():
+def test_digest_depends_on_origin():
     cells = np.full((4, 4), FREE)
     assert OccupancyGrid(cells, 0.1).digest != OccupancyGrid(cells, 0.1, (0, 0, 0.1)).digest
 
@@ -105,7 +106,7 @@ def test_occupancy_values_of_ros_become_levels():
     ]
 
 
-def test_positions_that_are_not_finite_have_no_cell():
+def test_cell_rejects_infinite_position():
     grid = OccupancyGrid(np.full((4, 4), FREE), 1.0)
     with pytest.raises(PoseError, match="finite"):
         grid.cell((np.inf, 0.0))
@@ -144,7 +145,7 @@ def test_true_is_occupied():
     assert grid.cells.tolist() == [[OCCUPIED, FREE]]
 
 
-def test_probabilities_are_accepted_when_they_are_said_to_be_some():
+def test_from_occupancy_accepts_declared_probabilities():
     values = [[0.0, 0.195, 0.2], [0.65, 1.0, math.nan]]
     grid = OccupancyGrid.from_occupancy(values, 0.1, probabilities=True)
     assert grid.cells.tolist() == [[FREE, FREE, UNKNOWN], [OCCUPIED, OCCUPIED, UNKNOWN]]
@@ -166,7 +167,7 @@ def test_probabilities_are_accepted_when_they_are_said_to_be_some():
         ([["wall"]], True, "must be numbers"),
     ],
 )
-def test_occupancy_that_could_mean_anything_is_refused(values, probabilities, remedy):
+def test_from_occupancy_rejects_ambiguous_values(values, probabilities, remedy):
     with pytest.raises(MapError, match=remedy):
         OccupancyGrid.from_occupancy(values, 0.1, probabilities=probabilities)
 
@@ -181,7 +182,7 @@ def message(data, yaw=0.0):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, -2.5])
-def test_a_message_of_ros_is_read_with_its_origin(yaw):
+def test_from_message_reads_cells_and_origin(yaw):
     grid = OccupancyGrid.from_message(message([0, 100, -1, 0, 0, 0], yaw), "lab")
     assert grid.cells.tolist() == [[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, FREE]]
     assert (grid.resolution, grid.name) == (0.5, "lab")
@@ -189,7 +190,7 @@ def test_a_message_of_ros_is_read_with_its_origin(yaw):
 
 
 @pytest.mark.parametrize("wrong", [message([0, 100]), message(None), [0, 100], None])
-def test_what_is_no_message_is_refused(wrong):
+def test_from_message_rejects_other_objects(wrong):
     with pytest.raises(MapError, match="nav_msgs/OccupancyGrid"):
         OccupancyGrid.from_message(wrong)
 
@@ -197,7 +198,7 @@ def test_what_is_no_message_is_refused(wrong):
 @pytest.mark.parametrize(
     ("cells", "remedy"), [([0, 254], "from_message"), ([[0, 100]], "from_occupancy")]
 )
-def test_the_constructor_names_what_reads_other_values(cells, remedy):
+def test_constructor_error_suggests_matching_method(cells, remedy):
     with pytest.raises(MapError, match=remedy):
         OccupancyGrid(cells, 0.1)
 

@@ -39,7 +39,7 @@ def kinds(grid: OccupancyGrid) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_kernels_are_those_of_plain_loops(seed):
+def test_deep_face_counts_equal_plain_loops(seed):
     cells = random_rooms((31, 24), seed)
     for deep in (1, 3):
         assert count_deep_faces(cells, FREE, OCCUPIED, deep) == oracles.walls.surface_depths(
@@ -48,7 +48,7 @@ def test_kernels_are_those_of_plain_loops(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_hollowed_leaves_a_rim_of_one_cell(seed):
+def test_hollow_walls_keeps_single_cell_rim(seed):
     cells = random_rooms((31, 24), seed)
     cells[:3, 4:9] = OCCUPIED  # black up to the edge of the map
     grid = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.1), "rooms")
@@ -58,7 +58,7 @@ def test_hollowed_leaves_a_rim_of_one_cell(seed):
     assert hollow_walls(hollow) == hollow
 
 
-def test_blocks_that_are_black_inside_are_solid_and_hollow_ones_are_not():
+def test_faults_distinguish_solid_from_hollow_blocks():
     found = faults(blocks())
     assert found.is_solid
     assert np.array_equal(found.cells, hollow_walls(blocks()).cells != blocks().cells)
@@ -66,7 +66,7 @@ def test_blocks_that_are_black_inside_are_solid_and_hollow_ones_are_not():
     assert kinds(blocks(thick=False)) == []
 
 
-def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
+def test_faults_report_shallow_walls_as_thick(monkeypatch):
     monkeypatch.setattr("locplan.maps.map_faults.MISLEADING_DEPTH", 3.5)
     found = faults(replace(blocks(), origin=(1.0, 0.0, 0.0)))  # another map, which is checked anew
     assert [(each.kind, each.is_certain) for each in found] == [("thick walls", False)]
@@ -82,9 +82,8 @@ def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
         (0.6, 0.31, 0.5, None),
     ],
 )
-def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
-    wins, hollow, depth, kind, monkeypatch
-):
+def test_solid_walls_follow_solidity_thresholds(wins, hollow, depth, kind, monkeypatch):
+    """Walls mislead at least a fifth of scans, hollow walls at most half as many."""
     monkeypatch.setattr(
         "locplan.maps.map_faults.measure_solidity", lambda _: WallSolidity(wins, hollow, depth)
     )
@@ -96,12 +95,12 @@ def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
 
 
 @pytest.mark.parametrize(("cells", "depth"), [(5, 0.0), (6, 1.0)])
-def test_walls_are_deep_with_over_half_a_metre_of_black(cells, depth):
+def test_deep_walls_exceed_half_metre(cells, depth):
     room = np.pad(np.full((30, 40), FREE, np.uint8), cells, constant_values=OCCUPIED)
     assert measure_solidity(OccupancyGrid(room, 0.1)).deep_surface_share == depth
 
 
-def test_the_check_is_made_once_of_equal_maps():
+def test_solidity_is_measured_once_per_map():
     first = measure_solidity(blocks())
     assert measure_solidity(blocks()) is first
     assert 0.2 <= first.wrong_pose_share <= 1
@@ -115,7 +114,7 @@ def test_solidity_compiles_no_second_kernel():
 
 
 @pytest.mark.parametrize(("speck", "many"), [(1, True), (3, True), (4, False)])
-def test_specks_float_and_are_of_up_to_three_cells(speck, many):
+def test_specks_have_up_to_three_cells(speck, many):
     cells = np.full((60, 60), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     for row in range(5, 55, 10):
@@ -128,7 +127,7 @@ def test_specks_float_and_are_of_up_to_three_cells(speck, many):
     assert "specks" not in kinds(OccupancyGrid(cells, 0.05))
 
 
-def test_specks_are_the_same_in_bands(monkeypatch):
+def test_specks_do_not_depend_on_bands(monkeypatch):
     random = np.random.default_rng(0)
     cells = np.where(random.random((90, 40)) < 0.1, OCCUPIED, FREE).astype(np.uint8)
     grid = OccupancyGrid(cells, 0.05)
@@ -138,7 +137,7 @@ def test_specks_are_the_same_in_bands(monkeypatch):
     assert np.array_equal(faults(grid).cells, whole)
 
 
-def test_unknown_space_that_is_painted_black_is_named():
+def test_faults_name_painted_unknown_space():
     cells = np.full((60, 60), OCCUPIED, np.uint8)
     cells[20:40, 10:50] = FREE
     painted = OccupancyGrid(cells, 0.05)
@@ -161,7 +160,7 @@ def file_of(folder, name, pixels, free_thresh=0.196):
     return read_map(folder / f"{name}.yaml")
 
 
-def test_a_mask_is_not_searched_for_solid_walls(tmp_path):
+def test_mask_is_not_checked_for_walls(tmp_path):
     for name, expected in (
         ("keepout", "mask"),
         ("lab_virtual_walls", "mask"),
@@ -172,7 +171,7 @@ def test_a_mask_is_not_searched_for_solid_walls(tmp_path):
         assert [each.kind for each in found] == [expected]
 
 
-def test_cells_are_looked_at_as_the_file_is_meant(tmp_path):
+def test_faults_use_intended_thresholds(tmp_path):
     pixels = np.full((60, 60), 254, np.uint8)
     pixels[:, 30:] = 205  # map_saver's grey, here read as free
     pixels[5:55:2, 35:55:2] = 0  # within it
@@ -185,7 +184,7 @@ def test_cells_are_looked_at_as_the_file_is_meant(tmp_path):
     assert found.summary()["map"]["digest"] == grid.digest
 
 
-def test_results_are_written_and_drawn(tmp_path):
+def test_faults_are_saved_and_reported(tmp_path):
     found = faults(blocks())
     found.save(tmp_path)
     assert {"faults.json", "faults.csv", "faults.png"} <= {each.name for each in tmp_path.iterdir()}
@@ -196,7 +195,7 @@ def test_results_are_written_and_drawn(tmp_path):
 
 
 @pytest.mark.long
-def test_the_solid_ones_of_the_shared_maps_are_found_and_no_others(real_maps):
+def test_real_maps_have_expected_solid_walls(real_maps):
     every = {file.parent.name: faults(*read_map(file)) for file in find_maps(real_maps)}
     found = {name for name, each in every.items() if each.is_solid}
     assert found == SOLID
@@ -205,7 +204,7 @@ def test_the_solid_ones_of_the_shared_maps_are_found_and_no_others(real_maps):
 
 
 @pytest.mark.parametrize(("values", "is_costmap"), [((50, 253, 254), True), ((0, 252, 254), False)])
-def test_a_costmap_that_is_read_as_a_map_is_said(tmp_path, values, is_costmap):
+def test_faults_recognize_costmap(tmp_path, values, is_costmap):
     pixels = np.random.default_rng(0).choice(np.array(values, np.uint8), (60, 80))
     found = faults(*file_of(tmp_path, "lab", pixels))
     assert ("costmap" in [each.kind for each in found]) == is_costmap

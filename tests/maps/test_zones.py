@@ -26,7 +26,7 @@ def open_grid(rows=30, cols=40, resolution=0.1, origin=(0.0, 0.0, 0.0)):
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (-3.7, 12.4, 0.5)])
-def test_zones_hold_each_cell_that_they_overlap(origin):
+def test_zones_hold_all_overlapped_cells(origin):
     rng, grid = np.random.default_rng(4), open_grid(origin=origin)
     shares = (np.arange(12) + 0.5) / 12
     parts = np.stack(np.meshgrid(shares, shares), axis=-1).reshape(-1, 2)
@@ -61,7 +61,7 @@ def test_zones_along_edges_hold_no_neighbours():
         assert np.argwhere(cells).tolist() == [[r, c] for r in range(3, 7) for c in range(2, 9)]
 
 
-def test_zones_beyond_the_map_hold_its_part():
+def test_zones_are_clipped_to_map():
     far = [[-1e8, -1e8], [1e8, -1e8], [1e8, 1.0], [-1e8, 1.0]]
     assert Zones([Zone("no-go", far)]).cells(open_grid(), "no-go").sum() == 10 * 40
     assert not Zones([Zone("no-go", np.array(BOX) - 9)]).cells(open_grid(), "no-go").any()
@@ -75,7 +75,7 @@ def test_charge_is_1_outside_preferred_zones():
     assert (charge == 0).sum() == 20 * 10
 
 
-def test_speed_limit_is_the_least_of_zones():
+def test_speed_limit_is_minimum_of_zones():
     zones = Zones([Zone("slow", BOX, 30), Zone("slow", TRIANGLE, 50), Zone("no-go", BOX)])
     limit = zones.speed_limit(open_grid())
     assert limit[5, 5] == 30.0
@@ -138,7 +138,7 @@ RING = [*BOX, BOX[0]]
         (feature([RING], percent=30), "feature 2: a zone of kind no-go has no percent"),
     ],
 )
-def test_load_names_the_feature_at_fault(tmp_path, wrong, message):
+def test_load_error_names_invalid_feature(tmp_path, wrong, message):
     file = tmp_path / "zones.geojson"
     features = [feature([RING]), wrong]
     file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
@@ -174,7 +174,7 @@ def mask_map(rng, origin=(-3.0, 2.0, 0.0)):
 
 
 @pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
-def test_mask_is_read_as_its_cells(tmp_path, mode):
+def test_loaded_mask_blocks_occupied_cells(tmp_path, mode):
     mask = mask_map(np.random.default_rng(1))
     png = "png" if mode == "scale" else "pgm"
     save_map(mask, tmp_path / "keepout.yaml", mode=mode, image_format=png)
@@ -187,7 +187,7 @@ def test_mask_is_read_as_its_cells(tmp_path, mode):
     np.testing.assert_array_equal(again.cells(fine, "no-go"), fine.cells == OCCUPIED)
 
 
-def test_raw_mask_is_closed_at_100_alone(tmp_path):
+def test_raw_mask_blocks_only_value_100(tmp_path):
     """Lower values are costs for the KeepoutFilter, whatever the thresholds are."""
     values = bytes([0, 50, 65, 99, 100, 255])
     (tmp_path / "mask.pgm").write_bytes(b"P5 6 1 255\n" + values)
@@ -212,7 +212,7 @@ def test_published_mask_is_read(name):
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (-3.7, 12.4, 0.5)])
-def test_drawn_no_go_zones_cover_their_cells(origin):
+def test_drawn_no_go_zones_cover_cells(origin):
     """Zones of a mask are drawn together, with their holes."""
     rng = np.random.default_rng(3)
     grid = OccupancyGrid(np.where(rng.random((30, 40)) < 0.3, OCCUPIED, FREE), 0.1, origin)
@@ -228,7 +228,7 @@ def test_drawn_no_go_zones_cover_their_cells(origin):
     np.testing.assert_array_equal(turns.reshape(grid.shape) != 0, grid.cells == OCCUPIED)
 
 
-def test_draw_zones_leaves_out_zones_beside_the_map():
+def test_draw_zones_omits_zones_outside_map():
     grid = open_grid()
     axes = make_map_axes(grid)[1]
     labels = [handle.get_label() for handle in draw_zones(axes, ALL, grid)]

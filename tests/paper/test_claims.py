@@ -85,7 +85,7 @@ def in_closed_form(template, strip, shift):
 
 
 @pytest.mark.parametrize("panel", range(3), ids=TITLES)
-def test_the_seven_curves_are_those_of_the_formulas(slides, panel):
+def test_model_curves_equal_closed_form(slides, panel):
     slide = slides[panel]
     assert slide.title == TITLES[panel]
     assert slide.template.shape == (120, 120)
@@ -101,7 +101,8 @@ def test_the_seven_curves_are_those_of_the_formulas(slides, panel):
 
 @pytest.mark.parametrize("panel", [0, 1])
 @pytest.mark.parametrize("model", ["SSD", "SAD", "NSSD", "NCC", "CC"])
-def test_a_free_template_matches_free_space_alike_up_to_the_border(slides, panel, model):
+def test_score_is_constant_in_free_space(slides, panel, model):
+    """The template and the strip are free up to the border."""
     slide = slides[panel]
     assert slide.is_constant_until(model, 1.5)
     assert not slide.is_constant_until(model, 1.55)
@@ -110,11 +111,11 @@ def test_a_free_template_matches_free_space_alike_up_to_the_border(slides, panel
 
 
 @pytest.mark.parametrize("model", ["SSD", "SAD", "NSSD", "NCC", "ZNCC", "ZCC"])
-def test_six_models_have_a_single_peak_where_the_template_fits(slides, model):
+def test_models_have_single_peak_at_fit(slides, model):
     np.testing.assert_allclose(slides[2].find_peaks(model), [2.0])
 
 
-def test_why_models_are_ruled_out(slides):
+def test_rejected_models_show_known_faults(slides):
     on_occupied, on_unknown, on_wall = (slide.curves for slide in slides)
     for panel in (on_occupied, on_unknown):  # a uniform template has no zero-mean part
         assert np.isnan(panel["ZNCC"]).all()
@@ -131,7 +132,7 @@ def test_why_models_are_ruled_out(slides):
     ("model", "where"),
     [("NSSD", 5.0), *((model, 7.0) for model in ("SSD", "SAD", "NCC", "ZNCC", "ZCC", "CC"))],
 )
-def test_all_models_change_course_once_more_beyond_the_wall(slides, model, where):
+def test_scores_improve_again_beyond_wall(slides, model, where):
     values, k = slides[2].curves[model], round(where / 0.05)
     worse = model in ("SSD", "SAD", "NSSD")
     before, after = np.diff(values[100 : k + 1]), np.diff(values[k:])
@@ -144,7 +145,7 @@ def test_all_models_change_course_once_more_beyond_the_wall(slides, model, where
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("reach", [6.0, 8.0])
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.2])
-def test_the_papers_claims(preset, reach, noise):
+def test_paper_claims_hold_with_known_exceptions(preset, reach, noise):
     maps = draw_place_maps(boundary_noise=noise, seed=1)
     shares = compute_claim_shares(maps, PRESETS[preset](range=reach))
     lost = {claim for claim, share in shares.items() if share < 1}
@@ -162,18 +163,18 @@ def test_the_papers_claims(preset, reach, noise):
 
 @pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
-def test_a_larger_template_gives_no_greater_e(preset):
+def test_larger_template_does_not_increase_e(preset):
     grid = draw_place_maps()["places"]
     assert compute_share_smaller_with_range(grid, PRESETS[preset](), 8.0) == 1.0
 
 
-def test_claims_can_fail():
+def test_claims_fail_on_wrong_map():
     maps = draw_place_maps(resolution=0.1)
     everywhere = dict.fromkeys(maps, maps["hall"])  # the places of another map: walls and floor
     assert min(compute_claim_shares(everywhere, Sad(), around=0).values()) == 0
 
 
-def test_mismatch_at_a_place_is_least_where_it_is():
+def test_mismatch_grows_only_across_corridor():
     maps = draw_place_maps(resolution=0.1)
     at_b = compute_place_mismatch(maps, "B", Sad())
     assert at_b.shape == (21, 21, 13)
@@ -193,7 +194,7 @@ def program():
 
 
 @pytest.mark.parametrize("rotation", [60, 0])
-def test_distributions_show_every_plane_of_the_window(program, rotation):
+def test_distribution_figure_shows_all_planes(program, rotation):
     config = FieldConfig(Sad(window=SearchWindow(half_rotation_deg=rotation)))
     window = config.estimator.window.to_lattice(0.1)
     shape = 21, 21, len(window.angles)
@@ -210,7 +211,7 @@ def test_distributions_show_every_plane_of_the_window(program, rotation):
     assert len(planes) == (3 if rotation else 1)
 
 
-def test_ellipses_have_the_size_and_direction_of_the_covariances(program):
+def test_drawn_ellipses_equal_covariances(program):
     grid = ascii_map(*["." * 30] * 20, resolution=0.2)
     field = covariance_field(grid, Sad(range=1.0))
     figure = program.ellipses_figure({"six": field, "again": field}, spacing=1.0, magnify=3.0)

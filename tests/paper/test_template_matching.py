@@ -25,7 +25,7 @@ from locplan.paper.template_matching import (
 )
 
 
-def test_sad_distribution_equals_the_plain_loops():
+def test_sad_distribution_equals_plain_loops():
     cells = random_rooms((31, 38), seed=3)
     config = FieldConfig(
         Sad(
@@ -48,20 +48,20 @@ def test_template_turns_counter_clockwise():
     assert np.argwhere(template == OCCUPIED).tolist() == [[14, 8]]  # six cells along +y
 
 
-def test_unturned_template_is_the_local_map():
+def test_unturned_template_equals_local_map():
     cells = random_rooms((40, 40), seed=1)
     np.testing.assert_array_equal(
         cut_rotated_template(cells, 3, 38, 9, 0.0), cut_template(cells, 3, 38, 9)
     )
 
 
-def test_outside_the_map_is_unknown():
+def test_template_outside_map_is_unknown():
     around = cut_template(np.full((2, 2), FREE, np.uint8), 0, 0, 1)
     assert around.tolist() == [[UNKNOWN] * 3, [UNKNOWN, FREE, FREE], [UNKNOWN, FREE, FREE]]
 
 
 @pytest.mark.parametrize("radius", [0, 1, 5, 40])
-def test_disc_is_symmetric_and_touches_its_radius(radius):
+def test_disc_is_symmetric_and_touches_radius(radius):
     mask = make_disc_mask(radius)
     assert (mask == mask.T).all()
     assert (mask == mask[::-1]).all()
@@ -75,7 +75,7 @@ def test_mismatch_is_zero_at_zero_lag():
     assert compute_sad_distribution(cells, 30, 30, 12, window)[2, 2, 6] == 0
 
 
-def test_a_ray_sees_the_wall_but_not_the_room_behind():
+def test_visible_part_ends_behind_wall():
     cells = np.full((41, 41), FREE, np.uint8)
     cells[:, 28] = OCCUPIED  # a wall eight cells to the right
     seen = mark_visible_part(cells, 20, 20, 15, 0.0)
@@ -86,12 +86,12 @@ def test_a_ray_sees_the_wall_but_not_the_room_behind():
     np.testing.assert_array_equal(turned, np.rot90(seen, -1))
 
 
-def test_in_the_open_everything_is_seen():
+def test_open_space_is_fully_visible():
     seen = mark_visible_part(np.full((41, 41), FREE, np.uint8), 20, 20, 12, 0.3)
     np.testing.assert_array_equal(seen, make_disc_mask(12))
 
 
-def test_the_visible_part_equals_the_plain_loops():
+def test_visible_part_equals_plain_loops():
     cells = random_rooms((50, 60), seed=13, blocks=20)
     for row, col, theta in ((25, 30, 0.0), (0, 0, 0.5), (40, 10, -1.0)):
         expected = oracles.sad.visible_part(
@@ -111,7 +111,7 @@ OPENCV = {
 
 
 @pytest.mark.parametrize("model", OPENCV)
-def test_models_equal_opencvs(model):
+def test_models_equal_opencv(model):
     cells = random_rooms((24, 60), seed=5, blocks=40)
     template = cells[:, 21:39]
     expected = cv2.matchTemplate(cells, template, OPENCV[model])
@@ -120,7 +120,7 @@ def test_models_equal_opencvs(model):
     np.testing.assert_allclose(found, expected[0], rtol=1e-5, atol=1e-5 * scale)
 
 
-def test_models_equal_the_plain_loops():
+def test_models_equal_plain_loops():
     rng = np.random.default_rng(4)
     for size in (1, 2, 9, 30):
         template, levels = rng.choice([OCCUPIED, UNKNOWN, FREE], (2, size, size))
@@ -133,7 +133,7 @@ def test_models_equal_the_plain_loops():
             assert found[name] == pytest.approx(expected[name], rel=1e-9, abs=1e-6, nan_ok=True)
 
 
-def test_templates_that_do_not_fit_are_refused():
+def test_models_reject_mismatched_shapes():
     with pytest.raises(LocplanError, match="one shape"):
         compute_similarities(np.zeros((2, 3)), np.zeros((3, 2)))
     with pytest.raises(LocplanError, match="one shape"):
@@ -142,7 +142,7 @@ def test_templates_that_do_not_fit_are_refused():
         compare_models_along_strip(np.zeros((2, 3), np.uint8), np.zeros((2, 2), np.uint8))
 
 
-def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other():
+def test_turned_map_exchanges_axis_curves():
     cells = random_rooms((81, 81), seed=8)
     estimator = Sad(range=1.5, window=SearchWindow(half_width=0.5))
     grid, turned = OccupancyGrid(cells, 0.1), OccupancyGrid(np.rot90(cells, -1), 0.1)
@@ -156,7 +156,7 @@ def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other(
         np.testing.assert_allclose(curves[name], turned_curves[name], rtol=1e-12, err_msg=name)
 
 
-def test_along_theta_the_best_match_is_no_turn():
+def test_best_match_along_theta_is_zero():
     grid = OccupancyGrid(random_rooms((81, 81), seed=8), 0.1)
     angles, curves = compare_models_along_axis(grid, 4.0, 4.0, "theta", Sad(range=2.0))
     np.testing.assert_allclose(np.degrees(angles), np.arange(-60, 61))
@@ -165,7 +165,7 @@ def test_along_theta_the_best_match_is_no_turn():
     assert curves["ZNCC"][60] == pytest.approx(1)
 
 
-def test_along_an_axis_sad_is_the_distributions():
+def test_axis_curve_of_sad_equals_distribution():
     grid = OccupancyGrid(random_rooms((81, 81), seed=9), 0.1)
     estimator = Sad(range=1.5)
     area = compute_mismatch_areas(grid, 4.0, 4.0, estimator)
@@ -175,7 +175,7 @@ def test_along_an_axis_sad_is_the_distributions():
     np.testing.assert_allclose(curves["SAD"][::2] * (0.01 / 254), area[10, :, 6])
 
 
-def test_places_and_axes_that_are_none_are_refused():
+def test_comparison_rejects_invalid_place_and_axis():
     grid = OccupancyGrid(random_rooms((30, 30), seed=9), 0.1)
     with pytest.raises(LocplanError, match="free space"):
         compute_mismatch_areas(grid, 9.0, 1.0, Sad())
