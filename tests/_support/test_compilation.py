@@ -47,7 +47,7 @@ def test_digest_follows_all_sources_and_versions(package, monkeypatch):
     assert compilation.compute_digest(package) == digests[-1]
 
 
-def test_kernels_of_this_package_are_in_digest(tmp_path):
+def test_digest_includes_kernels_of_package(tmp_path):
     """A pattern that matches nothing would keep machine code of other versions."""
     empty = compilation.compute_digest(tmp_path)
     assert compilation.compute_digest(compilation.PACKAGE) != empty
@@ -61,7 +61,7 @@ def make_kernel():
     return double
 
 
-def test_kernel_is_cached_in_folder_of_version(root):
+def test_kernel_cache_has_folder_per_version(root):
     before = config.CACHE_DIR
     assert make_kernel()(2.0) == 4.0
     (folder,) = root.iterdir()
@@ -70,7 +70,7 @@ def test_kernel_is_cached_in_folder_of_version(root):
     assert before == config.CACHE_DIR  # users' functions stay where they are
 
 
-def test_kernel_runs_if_cache_cannot_be_written(root):
+def test_kernel_runs_without_writable_cache(root):
     root.write_text("a file")
     kernel = make_kernel()
     assert kernel.stats.cache_path is None
@@ -114,11 +114,11 @@ def test_long_compilation_is_logged_once(compile_for):
     assert compile_for(0.4) == ["compiling kernels for their first use, which takes up to a minute"]
 
 
-def test_compilation_of_users_functions_is_not_logged(compile_for):
+def test_log_omits_compilation_of_user_functions(compile_for):
     assert compile_for(5.0, "my_estimator") == []
 
 
-def test_log_names_remedy_if_kernels_are_not_cached(compile_for, root):
+def test_log_names_remedy_for_uncached_kernels(compile_for, root):
     root.write_text("a file")
     (line,) = compile_for(2.0)
     assert "set NUMBA_CACHE_DIR" in line

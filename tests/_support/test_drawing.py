@@ -51,14 +51,14 @@ def rendered(figure):
     return np.asarray(canvas.buffer_rgba())
 
 
-def test_a_picture_that_is_drawn_once_is_that_of_matplotlib(field):
+def test_notebook_figure_equals_matplotlib_figure(field):
     figures = field_figure(field), field_figure(field)
     for _ in range(2):  # the layout of a second one begins where the first one's ended
         theirs = pixels(figures[0], Figure.savefig)
         np.testing.assert_array_equal(pixels(figures[1], NotebookFigure.savefig), theirs)
 
 
-def test_a_picture_is_drawn_once_and_keeps_its_layout_engine_and_size(field, monkeypatch):
+def test_saving_draws_once_and_keeps_layout(field, monkeypatch):
     figure = field_figure(field)
     engine, dpi, draws = figure.get_layout_engine(), figure.dpi, []
     draw = NotebookFigure.draw
@@ -72,7 +72,7 @@ def test_a_picture_is_drawn_once_and_keeps_its_layout_engine_and_size(field, mon
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5, np.pi])
 @pytest.mark.parametrize("norm", [LogNorm(0.1, 10.0), Normalize(0.0, 8.0)])
-def test_cells_have_the_colours_and_places_that_matplotlib_gives_them(yaw, norm):
+def test_cell_image_equals_matplotlib_image(yaw, norm):
     grid = room(30, 45, (1.0, -2.0, yaw))
     values = np.geomspace(0.05, 20.0, grid.cells.size).reshape(grid.shape)
     values[grid.cells != FREE] = np.nan
@@ -90,7 +90,7 @@ def test_cells_have_the_colours_and_places_that_matplotlib_gives_them(yaw, norm)
     assert (np.abs(drawn[0] - drawn[1]).max(axis=2) > 3).mean() < 0.03
 
 
-def test_cells_stand_at_one_place_of_a_vector_picture_whatever_its_resolution(field):
+def test_vector_image_position_ignores_dpi(field):
     figure = map_figure(field.grid)
 
     def places(dpi):
@@ -102,7 +102,7 @@ def test_cells_stand_at_one_place_of_a_vector_picture_whatever_its_resolution(fi
     assert places(288) == pytest.approx(places(72), abs=0.5)
 
 
-def test_a_wall_of_one_cell_stays_dark_where_two_cells_are_a_pixel():
+def test_thin_wall_stays_dark_when_downscaled():
     cells = np.full((600, 600), FREE, np.uint8)
     cells[:, 301] = OCCUPIED
     grid = OccupancyGrid(cells, 0.05)
@@ -116,7 +116,8 @@ def test_a_wall_of_one_cell_stays_dark_where_two_cells_are_a_pixel():
     assert 149 <= row.argmin() <= 151
 
 
-def test_large_maps_are_drawn_in_blocks_with_the_field_in_their_middles(field, monkeypatch):
+def test_large_map_is_drawn_in_blocks(field, monkeypatch):
+    """A block shows the field at its middle."""
     whole = field_figure(field).axes[0].images[1].get_array()
     monkeypatch.setattr(_cells, "MAX_DRAWN_CELLS", 30)
     walls, image = field_figure(field).axes[0].images
@@ -130,7 +131,7 @@ def test_large_maps_are_drawn_in_blocks_with_the_field_in_their_middles(field, m
 
 
 @pytest.mark.parametrize("logarithmic", [True, False])
-def test_values_read_at_cells_are_those_of_the_map(field, logarithmic):
+def test_interpolation_at_cells_equals_whole_map(field, logarithmic):
     free = field.grid.free
     rows, cols = np.nonzero(free)
     whole = field.interpolate_on_map(field.e, logarithmic=logarithmic)[free]
@@ -138,7 +139,7 @@ def test_values_read_at_cells_are_those_of_the_map(field, logarithmic):
     np.testing.assert_array_equal(read, whole)
 
 
-def test_the_bar_of_a_field_names_powers_of_ten_without_formulas(field):
+def test_field_bar_writes_powers_in_unicode(field):
     figure = NotebookFigure(layout="constrained")
     axes = figure.subplots()
     values = np.ones(field.grid.shape)
@@ -149,7 +150,7 @@ def test_the_bar_of_a_field_names_powers_of_ten_without_formulas(field):
     assert {"10⁻³", "10⁻²", "10⁻¹"} <= shown
 
 
-def test_cells_that_are_drawn_large_have_sharp_edges():
+def test_enlarged_cells_have_sharp_edges():
     cells = np.full((20, 20), FREE, np.uint8)
     cells[:, 10] = OCCUPIED
     figure = Figure(figsize=(2, 2), dpi=100)

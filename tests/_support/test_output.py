@@ -91,7 +91,7 @@ def test_output_refuses_results_of_another_command(tmp_path):
     assert content(tmp_path) == {"nav2_params.yaml": "2"}
 
 
-def test_output_ignores_hidden_files_and_files_of_unfinished_work(tmp_path):
+def test_output_ignores_hidden_and_unfinished_files(tmp_path):
     (tmp_path / ".DS_Store").write_text("1")
     (tmp_path / "runs.jsonl").write_text("1")
     with pytest.raises(LocplanError, match=r"runs\.jsonl: was not written by"):
@@ -102,7 +102,7 @@ def test_output_ignores_hidden_files_and_files_of_unfinished_work(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["file", "folder"])
-def test_output_refuses_link_even_to_equal_content(tmp_path, kind):
+def test_output_refuses_folder_with_link(tmp_path, kind):
     target = tmp_path / "elsewhere"
     target.write_text("1") if kind == "file" else target.mkdir()
     (tmp_path / "out").mkdir()
@@ -111,7 +111,7 @@ def test_output_refuses_link_even_to_equal_content(tmp_path, kind):
         write(tmp_path / "out", {"a": "1"})
 
 
-def test_file_is_replaced_if_it_is_as_locplan_wrote_it(tmp_path):
+def test_output_replaces_only_unchanged_file(tmp_path):
     file = tmp_path / "path.csv"
     write_file(file, "1")
     write_file(file, "2")
@@ -138,7 +138,7 @@ def test_results_stay_if_nothing_is_written(tmp_path):
     assert content(tmp_path) == {"out/a": "1"}
 
 
-def test_others_of_a_kind_stay_if_files_are_added(tmp_path):
+def test_adding_files_keeps_earlier_results(tmp_path):
     for name in "ab":
         write(tmp_path, {name: "1"}, kind="maps", adds=True)
     assert set(content(tmp_path)) == {"a", "b"}
@@ -148,7 +148,7 @@ def test_others_of_a_kind_stay_if_files_are_added(tmp_path):
     assert set(content(tmp_path)) == {"c"}
 
 
-def test_folder_in_place_of_a_file_is_never_replaced(tmp_path):
+def test_output_never_replaces_folder_by_file(tmp_path):
     (tmp_path / "a").mkdir()
     with pytest.raises(LocplanError, match="is a folder"):
         write(tmp_path, {"a": "1"}, force=True)
@@ -165,7 +165,7 @@ def test_run_file_of_others_is_refused(tmp_path, run):
     assert content(tmp_path) == {"a": "2"}
 
 
-def test_run_file_removes_nothing_outside_its_folder(tmp_path):
+def test_run_file_removes_nothing_outside_folder(tmp_path):
     folder = tmp_path / "out"
     write(folder, {"a": "1"})
     (tmp_path / "mine").write_text("1")
@@ -182,7 +182,7 @@ def test_run_file_removes_nothing_outside_its_folder(tmp_path):
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, LocplanError("x: no")])
 @pytest.mark.parametrize("there", [False, True])
-def test_failing_block_leaves_folder_as_it_was(tmp_path, error, there):
+def test_failed_write_leaves_folder_unchanged(tmp_path, error, there):
     folder = tmp_path / "above" / "out"
     if there:
         write(folder, {"a": "1"})
@@ -198,7 +198,7 @@ def test_failing_block_leaves_folder_as_it_was(tmp_path, error, there):
     assert (sorted(tmp_path.rglob("*")), content(tmp_path)) == before
 
 
-def test_next_run_finishes_moves_that_failed(tmp_path, monkeypatch):
+def test_next_run_finishes_failed_moves(tmp_path, monkeypatch):
     write(tmp_path, {"a": "1", "b": "1", "c": "1"})
     with pytest.raises(LocplanError, match="no, not now"), _moving_fails(monkeypatch, "b"):
         write(tmp_path, {"a": "2", "b": "2", "d": "2"})
@@ -237,7 +237,8 @@ def test_interrupted_moves_are_finished_at_once(tmp_path, monkeypatch):
     assert content(tmp_path) == {"a": "2", "b": "2"}
 
 
-def test_errors_name_the_last_place_of_a_file(tmp_path):
+def test_error_names_final_file_path(tmp_path):
+    """The file itself is still in a temporary folder."""
     with (
         pytest.raises(LocplanError, match=f"^{tmp_path}/out/a.png: no$"),
         ResultOutput(tmp_path / "out", "plan").writing() as new,
@@ -268,7 +269,7 @@ with ResultOutput(Path("out"), "plan").writing() as new:
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no SIGKILL")
 @pytest.mark.parametrize("there", sample_cases([True, False]))
-def test_next_run_completes_or_undoes_a_killed_one(tmp_path, there):
+def test_next_run_completes_or_undoes_moves(tmp_path, there):
     """One process is killed before its first step, the next one before its second step, ..."""
     old = {"a": "1", "b": "1", "c": "1"} if there else {}
     new, seen = {"a": "2", "b": "2", "d": "2"}, []
@@ -292,7 +293,7 @@ def test_next_run_completes_or_undoes_a_killed_one(tmp_path, there):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no SIGKILL")
-def test_file_that_changed_after_a_kill_stays(tmp_path):
+def test_recovery_keeps_files_changed_after_kill(tmp_path):
     write(tmp_path / "out", {"a": "1", "b": "1", "c": "1"})
     code = KILLED.format(path=[entry for entry in sys.path if entry], moves=2)
     assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path).returncode < 0
@@ -303,7 +304,7 @@ def test_file_that_changed_after_a_kill_stays(tmp_path):
     assert content(tmp_path / "out") == {"a": "2", "b": "mine", "d": "mine"}
 
 
-def test_abandoned_folder_of_others_moves_nothing_outside(tmp_path):
+def test_abandoned_folder_moves_nothing_outside_output(tmp_path):
     """A journal may come with files that somebody sent."""
     (tmp_path / "out").mkdir()
     with temporary_folder(tmp_path / "out") as staging:
@@ -323,9 +324,7 @@ def room(tmp_path):
     return tmp_path / "room.yaml"
 
 
-def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
-    run, room, tmp_path, monkeypatch
-):
+def test_interrupted_plan_leaves_folder_unchanged(run, room, tmp_path, monkeypatch):
     plan, out = [*PLAN, room, "-o", tmp_path / "out"], tmp_path / "out"
     assert run(*plan)[0] == 0
     before = {each: each.read_bytes() for each in out.iterdir()}
@@ -358,7 +357,7 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
     ],
     ids=lambda command: "-".join(part for part in command if part.strip("-").islower()),
 )
-def test_commands_refuse_a_folder_with_other_files(run, room, tmp_path, command):
+def test_commands_refuse_folder_with_other_files(run, room, tmp_path, command):
     (tmp_path / "OUT").mkdir()
     (tmp_path / "OUT" / "notes.txt").write_text("mine")
     places = {"ROOM": room, "OTHER": tmp_path / "other.yaml", "OUT": tmp_path / "OUT"}
@@ -378,7 +377,7 @@ def test_commands_refuse_a_folder_with_other_files(run, room, tmp_path, command)
     ],
     ids=lambda value: value if isinstance(value, str) else value[0],
 )
-def test_commands_replace_only_their_own_file(run, room, tmp_path, command, name):
+def test_commands_refuse_file_of_user(run, room, tmp_path, command, name):
     file = tmp_path / name
     file.write_text("mine")
     command = [{"ROOM": room, "OUT": file}.get(each, each) for each in command]
@@ -390,7 +389,7 @@ def test_commands_replace_only_their_own_file(run, room, tmp_path, command, name
     assert (tmp_path / f"{name}.run.yaml").exists()
 
 
-def test_landmarks_are_not_placed_if_the_folder_is_refused(run, room, tmp_path, monkeypatch):
+def test_landmarks_command_checks_folder_first(run, room, tmp_path, monkeypatch):
     placed = []
     monkeypatch.setattr("locplan.place_landmarks", lambda *_, **__: placed.append(1))
     command = "landmarks", room, *ENDS, "--object", "pole", "--lidar", "turtlebot4", "-o", tmp_path
@@ -399,7 +398,7 @@ def test_landmarks_are_not_placed_if_the_folder_is_refused(run, room, tmp_path, 
     assert "other.pgm: was not written by" in err
 
 
-def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):
+def test_picture_never_replaces_map_image(run, room, tmp_path):
     save_map(load_map(room), tmp_path / "lab.yaml", image_format="png")
     before = (tmp_path / "lab.png").read_bytes()
     code, _, err = run("field", tmp_path / "lab.yaml", "-o", tmp_path / "lab.png", "--force")
@@ -419,7 +418,7 @@ def test_input_is_protected_under_other_case(run, room, tmp_path):
     assert (tmp_path / "LAB.png").read_bytes() == before
 
 
-def test_no_export_takes_the_place_of_the_map_that_it_is_made_of(run, room, tmp_path):
+def test_export_never_replaces_input_map(run, room, tmp_path):
     mask = tmp_path / "keepout"
     assert run("export", room, "--to", "nav2-keepout", "-o", mask)[0] == 0
     before = {each: each.read_bytes() for each in mask.iterdir()}
@@ -429,7 +428,7 @@ def test_no_export_takes_the_place_of_the_map_that_it_is_made_of(run, room, tmp_
     assert {each: each.read_bytes() for each in mask.iterdir()} == before
 
 
-def test_masks_that_were_exported_are_no_maps_of_a_folder(run, room, tmp_path):
+def test_map_search_skips_exported_masks(run, room, tmp_path):
     folder = tmp_path / "maps"
     save_map(load_map(room), folder_of(folder) / "room.yaml")
     for _ in range(2):
@@ -439,7 +438,7 @@ def test_masks_that_were_exported_are_no_maps_of_a_folder(run, room, tmp_path):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_a_comparison_begins_anew_by_force(run, room, tmp_path):
+def test_force_restarts_comparison(run, room, tmp_path):
     least = "--min-distance", "1"
     few = "--random", "2", "--planner", "any-angle", "--workers", "1"
     compare = ("compare", room, *few, *least, "-o", tmp_path / "out")
@@ -457,7 +456,8 @@ def test_a_comparison_begins_anew_by_force(run, room, tmp_path):
     assert len(journal.read_text().splitlines()) == 3
 
 
-def test_a_front_in_a_table_has_integrals_that_serve_as_budgets():
+def test_budget_in_table_is_rounded_up():
+    """Rounded down, the budget would exclude its path."""
     for value in (4.17538, 7.3791, 0.00012344, 9999.6, 3.0, 0.0):
         assert value <= float(format_rounded_up(value)) <= value * 1.002
 

@@ -103,7 +103,7 @@ def test_dumb_terminal_gets_lines(monkeypatch):
 
 
 @pytest.mark.parametrize("stream", [None, SimpleNamespace(isatty=lambda: False)])
-def test_file_and_closed_stream_are_no_terminal(monkeypatch, stream):
+def test_redirected_stderr_is_no_terminal(monkeypatch, stream):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setattr(sys, "stderr", stream)

@@ -36,7 +36,7 @@ def test_run_file_records_command_and_settings(run, place):
     assert about["outputs"].keys() == files - {"run.yaml"}
 
 
-def test_run_file_lists_outputs_without_command_in_python(place):
+def test_python_run_file_has_no_command(place):
     from locplan import Costmap, load_map, plan
 
     plan(Costmap.blank(load_map("hall.yaml")), (1, 2.5), (8, 1)).save("planned")
@@ -47,13 +47,13 @@ def test_run_file_lists_outputs_without_command_in_python(place):
         RunRecord.read(place / "planned")
 
 
-def test_run_file_stands_beside_a_written_field(run, place):
+def test_run_file_lies_next_to_field(run, place):
     assert run("field", "hall.yaml", "--stride", "0.5", "-o", "made/field.npz")[0] == 0
     about = yaml.safe_load((place / "made/field.npz.run.yaml").read_text())
     assert about["settings"]["map"] == "../hall.yaml"
 
 
-def test_an_export_without_an_output_has_its_run_beside_it(run, place, monkeypatch):
+def test_export_without_output_writes_run_file(run, place, monkeypatch):
     monkeypatch.chdir(place)
     assert run("export", "hall.yaml", "--to", "path", *ENDS, "--stride", "0.5")[0] == 0
     assert (place / "hall-path.csv.run.yaml").exists()

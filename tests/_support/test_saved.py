@@ -59,7 +59,7 @@ def again(made, folder):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_paths_come_back_as_they_were(tmp_path, seed):
+def test_loaded_path_equals_saved_path(tmp_path, seed):
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 9))
     xy = rng.uniform(-1, 1, (count, 2)) * 10.0 ** rng.integers(-9, 9, (count, 2))
@@ -70,7 +70,7 @@ def test_paths_come_back_as_they_were(tmp_path, seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_robots_come_back_as_they_were(tmp_path, seed):
+def test_loaded_robot_equals_saved_robot(tmp_path, seed):
     rng = np.random.default_rng(seed)
     outline = locplan.Footprint(rng.uniform(0.01, 1, (4, 2)) * [(1, 1), (-1, 1), (-1, -1), (1, -1)])
     lidar = [None, Lidar(range=4.0), Lidar.preset("turtlebot4")][seed % 3]
@@ -83,7 +83,7 @@ def test_robots_come_back_as_they_were(tmp_path, seed):
 
 @pytest.mark.parametrize("make_field", [small_field, seen_field])
 @pytest.mark.parametrize("law", ["logarithmic", "linear", "cube-root"])
-def test_costmaps_come_back_as_they_were(tmp_path, make_field, law):
+def test_loaded_costmap_equals_saved_costmap(tmp_path, make_field, law):
     field = make_field()
     rng = np.random.default_rng(len(law))
     options = {"weight": rng.uniform(0, 1e9), "robot": rng.uniform(0, 0.6), "law": law}
@@ -99,7 +99,7 @@ def test_costmaps_come_back_as_they_were(tmp_path, make_field, law):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_costmaps_of_ones_own_come_back_as_they_were(tmp_path, seed):
+def test_loaded_custom_costmap_equals_saved_costmap(tmp_path, seed):
     rng = np.random.default_rng(seed)
     density = rng.uniform(1, 10.0 ** rng.integers(1, 9), ROOM.shape)
     density[1, 1] = math.inf
@@ -108,7 +108,7 @@ def test_costmaps_of_ones_own_come_back_as_they_were(tmp_path, seed):
 
 
 @pytest.mark.parametrize("more", [{}, {"via": [(2.75, 0.6)]}, {"max_e": 1e-9}, {"budget": 9.0}])
-def test_plans_come_back_as_they_were(tmp_path, more):
+def test_loaded_plan_equals_saved_plan(tmp_path, more):
     for costs in (Costmap.from_field(small_field(), robot=0.1), Costmap.blank(ROOM)):
         if costs.settings is None and more:
             continue
@@ -123,7 +123,7 @@ def test_plans_come_back_as_they_were(tmp_path, more):
 
 
 @pytest.mark.parametrize("objective", ["u", "e"])
-def test_fronts_come_back_as_they_were(tmp_path, objective):
+def test_loaded_front_equals_saved_front(tmp_path, objective):
     costs = Costmap.from_field(small_field(), robot=0.1)
     front = locplan.pareto_front(costs, *ENDS, objective=objective)
     found = again(front, tmp_path)
@@ -132,7 +132,7 @@ def test_fronts_come_back_as_they_were(tmp_path, objective):
     assert found.figure()
 
 
-def test_fronts_without_a_path_come_back_as_they_were(tmp_path):
+def test_loaded_empty_front_equals_saved_front(tmp_path):
     walls = ascii_map("###########", "#...###...#", "###########", resolution=0.5)
     field = locplan.covariance_field(walls, small_field().config)
     front = locplan.pareto_front(Costmap.from_field(field, robot=0.0), (0.75, 0.75), (4.25, 0.75))
@@ -141,7 +141,7 @@ def test_fronts_without_a_path_come_back_as_they_were(tmp_path):
 
 
 @pytest.mark.parametrize("make_field", [small_field, seen_field])
-def test_fields_come_back_as_they_were(tmp_path, make_field):
+def test_loaded_field_equals_saved_field(tmp_path, make_field):
     field = make_field()
     found = again(field, tmp_path)
     assert found == field
@@ -195,7 +195,7 @@ def changed(file, **entries):
         file.write_text(json.dumps(json.loads(file.read_text()) | entries))
 
 
-def test_a_file_of_another_kind_or_of_a_newer_version_is_refused_in_one_line(tmp_path):
+def test_load_refuses_newer_or_foreign_file(tmp_path):
     for name, load in (saved(tmp_path) | saved_inputs(tmp_path)).items():
         file = tmp_path / name
         assert load(file)
@@ -210,7 +210,7 @@ def test_a_file_of_another_kind_or_of_a_newer_version_is_refused_in_one_line(tmp
             load(file)
 
 
-def test_damaged_files_are_refused_in_one_line(tmp_path):
+def test_load_refuses_damaged_file(tmp_path):
     for name, load in saved(tmp_path).items():
         file, whole = tmp_path / name, (tmp_path / name).read_bytes()
         if file.suffix != ".yaml":
@@ -228,13 +228,14 @@ def test_damaged_files_are_refused_in_one_line(tmp_path):
             load(file)
 
 
-def test_a_path_with_the_columns_of_locplan_0_1_says_how_to_name_them(tmp_path):
+def test_path_error_names_renamed_columns(tmp_path):
+    """locplan 0.1 wrote x_m, y_m and heading_rad."""
     (tmp_path / "old.csv").write_text("x_m,y_m,heading_rad\n1,2,0\n")
     with pytest.raises(LocplanError, match="name them x, y, and heading_rad heading"):
         Path.load(tmp_path / "old.csv")
 
 
-def test_a_costmap_of_an_estimator_without_a_name_is_not_saved(tmp_path):
+def test_save_refuses_costmap_of_unregistered_estimator(tmp_path):
     class Mine(Sad):
         name = "nobody's"
 
@@ -245,7 +246,7 @@ def test_a_costmap_of_an_estimator_without_a_name_is_not_saved(tmp_path):
     assert not (tmp_path / "mine.npz").exists()
 
 
-def test_values_not_objects_decide_what_is_equal():
+def test_paths_are_compared_by_value():
     one, other = Path([[0.0, 1.0]]), Path([[-0.0, 1.0]])
     assert one == other
     assert hash(one) == hash(other)

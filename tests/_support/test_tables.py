@@ -67,13 +67,13 @@ def test_values_have_their_digits(column, value, text):
     assert column.text(Interval(*value) if column.interval else value) == text
 
 
-def test_per_cent_stand_behind_the_values_and_not_in_the_heading():
+def test_percent_sign_follows_values_not_heading():
     share = TableColumn("share", title="lost", people="%", interval=True)
     assert (share.heading, share.text(Interval(0.5, 0.0, 1.0))[:6]) == ("lost", "50.00%")
     assert share.names == ("share", "share_low", "share_high")
 
 
-def test_every_declared_column_has_a_unit_and_a_title_for_people_that_is_none():
+def test_table_columns_have_consistent_units():
     names = [each.name for each in pkgutil.walk_packages(locplan.__path__, "locplan.")]
     modules = [vars(import_module(name)) for name in names if "__main__" not in name]
     tuples = (value for module in modules for value in module.values() if type(value) is tuple)
@@ -88,14 +88,15 @@ def test_every_declared_column_has_a_unit_and_a_title_for_people_that_is_none():
         assert each.unit == {"cm": "m", "deg": "rad", "%": ""}.get(each.people, each.unit), each
 
 
-def test_long_tables_are_cut_and_wide_ones_broken():
+def test_table_text_fits_rows_and_width():
     assert "=1+1" not in TABLE.text(1)
     assert "=1+1" in str(TABLE)
     assert max(map(len, TABLE.text(width=50).splitlines())) <= 50
     assert len(TABLE) == 2
 
 
-def test_tables_break_at_spaces_alone_and_their_headings_first():
+def test_table_breaks_lines_only_at_spaces():
+    """Headings break before values do."""
     rates = Interval(1.0, 0.68, 1.0)
     columns = (
         TableColumn("name", title="path"),
@@ -115,7 +116,7 @@ def test_tables_break_at_spaces_alone_and_their_headings_first():
         assert line.split()[-4:] == ["100%", "[68,100]", "1.00", "[0.68,1.00]"]
 
 
-def test_all_files_have_the_same_names_and_values(tmp_path):
+def test_csv_json_and_frame_agree(tmp_path):
     pytest.importorskip("pandas")
     TABLE.write_csv(tmp_path / "places.csv")
     with (tmp_path / "places.csv").open(newline="") as file:
@@ -128,7 +129,7 @@ def test_all_files_have_the_same_names_and_values(tmp_path):
     assert frame["twice"][1] == 4.0
 
 
-def test_what_is_not_known_is_empty_or_null(tmp_path):
+def test_unknown_values_are_empty_or_null(tmp_path):
     TABLE.write_csv(tmp_path / "places.csv")
     last = (tmp_path / "places.csv").read_text().splitlines()[-1]
     assert last == "2,'=1+1,2,,,0.05,,,4"
@@ -137,7 +138,7 @@ def test_what_is_not_known_is_empty_or_null(tmp_path):
     assert json.dumps(TABLE.records(), allow_nan=False)
 
 
-def test_outlines_are_closed_and_have_the_values(tmp_path):
+def test_geojson_has_closed_outlines_and_values(tmp_path):
     corners = [[0, 0], [1, 0], [1, 1]]
     TABLE.write_geojson(tmp_path / "places.geojson", [corners] * 2, frame="odom")
     made = json.loads((tmp_path / "places.geojson").read_text())
@@ -149,13 +150,13 @@ def test_outlines_are_closed_and_have_the_values(tmp_path):
         TABLE.write_geojson(tmp_path / "places.geojson", [corners])
 
 
-def test_a_frame_needs_pandas(monkeypatch):
+def test_data_frame_needs_pandas(monkeypatch):
     monkeypatch.setattr(public, "find_spec", lambda name: None)
     with pytest.raises(LocplanError, match=r"a data frame needs pandas: .*locplan\[tables\]"):
         TABLE.to_frame()
 
 
-def test_a_tables_text_is_plain_on_a_terminal(monkeypatch):
+def test_table_text_is_plain_on_terminal(monkeypatch):
     for name, value in {"FORCE_COLOR": "1", "TERM": "xterm-256color"}.items():
         monkeypatch.setenv(name, value)
     assert "\x1b" not in TABLE.text()
@@ -182,7 +183,7 @@ class Found(Result):
         Table(TABLE.columns, TABLE.rows[:seed]).write_csv(folder / "places.csv")
 
 
-def test_a_result_is_saved_as_a_whole(tmp_path):
+def test_result_saves_table_summary_and_picture(tmp_path):
     Found().save(tmp_path / "out", 1)
     assert len((tmp_path / "out" / "places.csv").read_text().splitlines()) == 2
     about = json.loads((tmp_path / "out" / "places.json").read_text())
@@ -216,7 +217,7 @@ def test_file_name_suits_every_system(name, file):
 
 
 @pytest.mark.parametrize("other", ["dock a", "Dock-A", "DOCK/A"])
-def test_names_of_one_file_are_refused(other):
+def test_names_with_equal_files_are_refused(other):
     check_file_names_differ("routes", ["dock a", "dock b"])
     with pytest.raises(ConfigError, match=r"^routes 'dock a' and .* would be saved as one file"):
         check_file_names_differ("routes", ["dock a", "b", other])

@@ -35,7 +35,7 @@ def steps_from(half, source):
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.3])
-def test_steps_back_equal_the_plain_ones(tolerance):
+def test_backward_steps_equal_reference_steps(tolerance):
     ambiguous = 0
     for seed in range(8):
         density = tied(seed)
@@ -52,7 +52,8 @@ def test_steps_back_equal_the_plain_ones(tolerance):
     assert ambiguous > 300
 
 
-def test_paths_of_kept_searches_are_those_of_a_search_from_their_start():
+def test_traced_path_equals_searched_path():
+    """The path may start at either end of the stored search."""
     rng, solved, differ = np.random.default_rng(4), 0, 0
     for seed in range(300):
         density, columns = tied(seed), SIZE + 2
@@ -78,7 +79,7 @@ def test_paths_of_kept_searches_are_those_of_a_search_from_their_start():
     assert differ > 50
 
 
-def test_of_very_many_equal_paths_it_is_the_same():
+def test_traced_path_breaks_ties_like_search():
     columns = 402
     half = make_bordered_half_density(np.ones((400, 400)), 1)
     root, tip = 5 * columns + 7, 390 * columns + 201
@@ -88,14 +89,14 @@ def test_of_very_many_equal_paths_it_is_the_same():
     np.testing.assert_array_equal(found, trace_path(half, columns, cost, tip, False))
 
 
-def test_a_path_within_one_cell_is_that_cell():
+def test_path_within_cell_is_single_cell():
     half = make_bordered_half_density(np.ones((SIZE, SIZE)), 1)
     for from_root in (True, False):
         cells = ways.trace_cheapest_path(half, SIZE + 2, steps_from(half, 50), 50, 50, from_root)
         assert cells.tolist() == [50]
 
 
-def test_the_tolerance_follows_the_greatest_finite_cost():
+def test_tolerance_follows_greatest_finite_cost():
     cost = np.array([-3.0, np.inf, 0.0, 2.0, -1e4, np.inf, 5.0])
     assert ways.find_greatest_cost(cost) == 1e4
     assert ways.compute_tolerance(cost, 1.0) == pytest.approx(4 * 2.0**-53 * 1e8)

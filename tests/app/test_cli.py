@@ -48,7 +48,7 @@ def room(tmp_path):
     return tmp_path / "room.yaml"
 
 
-def test_field_prints_a_table_and_writes_what_was_asked(run, room, tmp_path):
+def test_field_prints_table_and_writes_file(run, room, tmp_path):
     assert run("field", room, "-o", tmp_path / "f.png")[0] == 0
     code, out, err = run("field", room, "-o", tmp_path / "f.npz")
     assert code == 0
@@ -93,7 +93,8 @@ def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     assert about["about"]["map"]["digest"] == load_map(room).digest
 
 
-def test_plan_compares_the_shortest_path_with_the_aware_one_on_the_same_costs(run, tmp_path):
+def test_plan_compares_shortest_and_aware_path(run, tmp_path):
+    """Both paths are measured on the same costs."""
     grid = environments.make("two_corridors", resolution=0.1)
     save_map(grid, tmp_path / "map.yaml")
     ends = "--start", "2,3", "--goal", "38,3"
@@ -116,7 +117,7 @@ def test_usage_errors_are_one_line(run, room):
         assert "--help" in check_refusal(run(*arguments))
 
 
-def test_interrupting_says_so(run, room, monkeypatch):
+def test_interrupt_ends_command_with_message(run, room, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
@@ -127,7 +128,8 @@ def test_interrupting_says_so(run, room, monkeypatch):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_an_unreachable_goal_is_a_result(run, tmp_path):
+def test_plan_reports_unreachable_goal(run, tmp_path):
+    """An unreachable goal is a result, not an error."""
     save_map(ascii_map("...#...", resolution=1.0), tmp_path / "parted.yaml")
     ends = "--start", "0.5,0.5", "--goal", "6.5,0.5"
     code, out, _ = run("plan", tmp_path / "parted.yaml", *ends, "-o", tmp_path / "out")
@@ -149,7 +151,7 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
         ("nan,2", "must be X,Y in metres"),
     ],
 )
-def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, message):
+def test_plan_refuses_impossible_start(run, room, tmp_path, start, message):
     arguments = "--start", start, "--goal", "4,3.5", "--set", "footprint=0.35", "-o", tmp_path / "o"
     assert message in check_refusal(run("plan", room, *arguments))
     assert not (tmp_path / "o").exists()
@@ -179,7 +181,7 @@ def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, m
         (("--picture", "ambiguity", "-o", "field.png"), "the picture must be one of e"),
     ],
 )
-def test_bad_options_are_refused_in_one_line(run, room, arguments, message):
+def test_field_refuses_wrong_options(run, room, arguments, message):
     assert message in check_refusal(run("field", room, *arguments))
 
 
@@ -189,7 +191,7 @@ def test_bad_planner_and_weight_are_refused(run, room):
     assert "weight" in check_refusal(run("plan", room, *ends, "--weight", "-2"))
 
 
-def test_info_writes_files_of_built_in_map(run, tmp_path):
+def test_info_writes_built_in_map(run, tmp_path):
     code, out, _ = run("info", "two_corridors", "-o", tmp_path / "maps")
     assert code == 0
     written = tmp_path / "maps" / "two_corridors.yaml"
@@ -205,7 +207,7 @@ def test_info_writes_files_of_built_in_map(run, tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_commands_take_names_of_built_in_maps(run, tmp_path, monkeypatch, small_field):
+def test_commands_accept_built_in_maps(run, tmp_path, monkeypatch, small_field):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run("info", "two_corridors")
     assert code == 0
@@ -257,7 +259,7 @@ def test_warnings_are_one_line(run, tmp_path):
     assert err.count("\n") == 1
 
 
-def test_malformed_maps_never_end_in_a_traceback(run):
+def test_malformed_map_causes_no_traceback(run):
     folder = SHARED_DATA / "malformed"
     if not folder.is_dir():
         pytest.skip("the collection of malformed maps (../shared/data/malformed) is not here")
@@ -285,7 +287,8 @@ def test_many_maps_share_one_table(run, room, tmp_path):
     assert [about["error"] is None for about in json.loads(out)] == [True, False]
 
 
-def test_maps_of_one_name_would_collide(run, room, tmp_path):
+def test_field_refuses_maps_of_equal_name(run, room, tmp_path):
+    """Their files in the output folder would collide."""
     (tmp_path / "other").mkdir()
     save_map(load_map(room), tmp_path / "other" / "room.yaml")
     arguments = "field", room, tmp_path / "other"
@@ -293,7 +296,7 @@ def test_maps_of_one_name_would_collide(run, room, tmp_path):
     assert run(*arguments)[0] == 0
 
 
-def test_a_folder_of_one_map_is_that_map(run, room, tmp_path):
+def test_field_takes_folder_of_single_map(run, room, tmp_path):
     assert run("field", room.parent, "-o", tmp_path / "f.npz")[0] == 0
     assert CovarianceField.load(tmp_path / "f.npz").grid.name == "room"
 
@@ -303,11 +306,11 @@ def test_of_several_maps_outputs_are_folders(run, room, tmp_path):
     assert "name a folder" in check_refusal(run("field", tmp_path, "-o", tmp_path / "f.npz"))
 
 
-def test_a_folder_without_maps_is_refused(run, tmp_path):
+def test_field_refuses_folder_without_map(run, tmp_path):
     assert "is a folder without any map" in check_refusal(run("field", tmp_path))
 
 
-def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path, monkeypatch, small_field):
+def test_cache_command_lists_and_clears_results(run, room, tmp_path, monkeypatch, small_field):
     folder = tmp_path / "cache"
     monkeypatch.setenv("LOCPLAN_CACHE", str(folder))
     assert run("cache", "path")[1].strip() == str(folder)
@@ -346,7 +349,7 @@ def test_plans_can_have_limits_and_waypoints(run, room):
     assert "would do" in out
 
 
-def test_a_footprint_sets_the_radius(run, room):
+def test_plan_accepts_footprint_corners(run, room):
     ends = "--start", "1,2", "--goal", "4,3.5", "--set", "footprint=[[0.3,0.1],[0.3,-0.1],[-0.3,0]]"
     code, out, _ = run("plan", room, *ends)
     assert code == 0
@@ -465,7 +468,7 @@ def test_plan_takes_function_of_file(run, room, my_planner):
         ("bad.py:mine", "cannot be run (ZeroDivisionError"),
     ],
 )
-def test_wrong_function_of_file_is_one_line(run, room, my_planner, name, message):
+def test_plan_refuses_wrong_planner_function(run, room, my_planner, name, message):
     (my_planner.parent / "bad.py").write_text("1 / 0")
     words = "--start", "1,1", "--goal", "4,3.5", "--planner", f"{my_planner.parent}/{name}"
     assert message in check_refusal(run("plan", room, *words))
@@ -478,7 +481,7 @@ def test_compare_names_missing_cloudpickle(run, room, tmp_path, my_planner, monk
     assert message in check_refusal(run("compare", room, *words))
 
 
-def test_planners_that_take_any_path_say_so(run, room):
+def test_plan_reports_planner_without_objective(run, room):
     ends = "--start", "1,1", "--goal", "4,3.5"
     code, out, _ = run("plan", room, *ends, "--planner", "RRT:improve=true")
     assert code == 0
@@ -499,7 +502,7 @@ def test_planners_that_take_any_path_say_so(run, room):
         ("any-angle:space=Dubins", "no option 'space'"),
     ],
 )
-def test_what_ompls_planners_cannot_do_is_one_line(run, room, planner, message):
+def test_plan_refuses_wrong_planner_options(run, room, planner, message):
     ends = "--start", "1,1", "--goal", "4,3.5"
     assert message in check_refusal(run("plan", room, *ends, "--planner", planner))
 
@@ -514,7 +517,7 @@ def test_plan_gives_seed_to_random_planner(run, room):
     assert first["path"] != other["path"]
 
 
-def test_fields_that_know_the_sensor(run, room, tmp_path):
+def test_lidar_options_override_field_settings(run, room, tmp_path):
     save_config(FieldConfig(Scan(Lidar(range=6.0, beams=90)), headings=4), tmp_path / "scan.json")
     sensor = "--field", tmp_path / "scan.json", "--set", "field_of_view_deg=180"
     sensor += "--set", "range=3", "--set", "footprint=0.05", "--lidar", "turtlebot4"
@@ -532,7 +535,7 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
 
 
 @pytest.mark.long
-def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_path):
+def test_lidar_option_sets_estimator_and_simulator(run, room, tmp_path):
     _, out, _ = run("field", room, "--lidar", "utm-30lx")
     assert "fused, utm-30lx, 30 m, 270°, 8 headings" in " ".join(out.split())
     _, out, _ = run("field", room, "--lidar", "turtlebot3", "--field", "sad", "--set", "range=3")
@@ -548,7 +551,7 @@ def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_pat
 
 
 @pytest.mark.long
-def test_a_map_without_weak_spots_says_so(run, tmp_path, monkeypatch):
+def test_commands_report_map_without_weak_spots(run, tmp_path, monkeypatch):
     lines = ["#" * 16, *["#" + "." * 14 + "#"] * 14, "#" * 16]
     save_map(ascii_map(*lines, resolution=0.1), tmp_path / "small.yaml")
     ends = "--start", "0.75,0.75", "--goal", "0.95,0.85", "--set", "footprint=0.05"
@@ -560,7 +563,7 @@ def test_a_map_without_weak_spots_says_so(run, tmp_path, monkeypatch):
         assert (said in run("plan", tmp_path / "small.yaml", *ends, *named)[1]) == none
 
 
-def test_deviations_are_shown_in_centimetres_and_degrees(run, room):
+def test_field_prints_centimetres_and_degrees(run, room):
     out = " ".join(run("field", room, "--lidar", "turtlebot4")[1].split())
     about = json.loads(run("field", room, "--lidar", "turtlebot4", "--json")[1])
     median = about["position_std"]["median"]
@@ -569,7 +572,7 @@ def test_deviations_are_shown_in_centimetres_and_degrees(run, room):
     assert out.index("cm") < out.index("deg") < out.index("m² rad")
 
 
-def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
+def test_plan_prints_deviation_in_centimetres(run, room):
     ends = "--start", "1,2", "--goal", "4,3.5"
     asked = "plan", room, *ends, "--lidar", "turtlebot4", "--drives", "0"
     out, about = run(*asked)[1], json.loads(run(*asked, "--json")[1])
@@ -634,7 +637,7 @@ ZONES = Zones(
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
+def test_exported_zones_equal_python_export(run, room, tmp_path, small_field):
     """The command and Python write equal bytes, from zones and from a choice with them."""
     ZONES.save(tmp_path / "zones.geojson")
     zones, field = ("--zones", tmp_path / "zones.geojson"), ("--field", small_field)
@@ -727,14 +730,14 @@ def test_export_takes_planner_of_nav2(run, room, tmp_path, small_field):
         (("--to", "nav2-speed", "-o", "room.yaml"), "room.yaml"),
     ],
 )
-def test_export_refuses_before_it_computes(run, room, tmp_path, monkeypatch, arguments, message):
+def test_export_refuses_before_computation(run, room, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("locplan.field.store.load_or_compute", None)  # would end in a traceback
     assert message in check_refusal(run("export", room, *arguments))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["room.pgm", "room.yaml"]
 
 
-def test_a_folder_with_one_map_stands_for_it(run, room, tmp_path):
+def test_info_refuses_folder_of_two_maps(run, room, tmp_path):
     assert run("info", tmp_path)[0] == 0
     save_map(load_map(room), tmp_path / "other.yaml")
     assert "holds 2 maps; name one" in check_refusal(run("info", tmp_path))
@@ -761,7 +764,7 @@ def test_help_of_all_commands_fits_terminal(run):
     assert places == sorted(places)
 
 
-def test_slips_get_a_hint(run, room):
+def test_errors_hint_at_common_mistakes(run, room):
     way = "--start", "1,1", "--goal"
     assert "unexpected argument: 2; write positions as X,Y with a comma" in check_refusal(
         run("info", room, "2")
@@ -776,7 +779,7 @@ def test_slips_get_a_hint(run, room):
     )
 
 
-def test_a_command_is_a_module_and_a_line(run, monkeypatch):
+def test_new_command_needs_module_and_line(run, monkeypatch):
     source = """
 from locplan.app.cli.application import command
 @command("hello you")
@@ -809,7 +812,7 @@ def test_helps_import_no_heavy_library():
     assert result.stdout.endswith("heavy: []\n"), result.stderr
 
 
-def test_only_the_command_that_runs_is_imported():
+def test_cli_imports_only_running_command():
     code = (
         "import sys; sys.argv = ['locplan', '-v', 'cache', 'path']\n"
         "from locplan.app.cli import main\n"
@@ -821,7 +824,7 @@ def test_only_the_command_that_runs_is_imported():
     assert result.stdout.endswith("[]\n"), result.stderr
 
 
-def test_the_package_runs_as_a_module():
+def test_package_runs_as_module():
     command = [sys.executable, "-m", "locplan", "--version"]
     assert subprocess.run(command, capture_output=True, text=True).stdout == (
         f"locplan {locplan.__version__}\n"
@@ -842,7 +845,7 @@ def test_install_completion_writes_script(run, tmp_path, monkeypatch, shell):
 
 
 @pytest.mark.parametrize("start", [("--start", "-2,3"), ("--start=-2,3",)])
-def test_values_may_begin_with_a_minus_sign(run, room, start):
+def test_option_values_may_be_negative(run, room, start):
     assert "lies outside the map" in check_refusal(run("plan", room, *start, "--goal", "4,3.5"))
 
 
@@ -859,13 +862,13 @@ def test_values_may_begin_with_a_minus_sign(run, room, start):
         ),
     ],
 )
-def test_usage_errors_say_what_would_be_right(run, words, message):
+def test_usage_errors_refer_to_help(run, words, message):
     err = check_refusal(run(*words))
     assert message in err
     assert err.endswith(" (see --help)\n")
 
 
-def test_choices_are_those_of_the_library(run, room):
+def test_choices_of_options_match_library(run, room):
     from locplan.export.masks import compute_keepout_mask
     from locplan.export.registry import list_formats
     from locplan.field import ESTIMATORS
@@ -880,7 +883,7 @@ def test_choices_are_those_of_the_library(run, room):
     assert all(name in help for name in ESTIMATORS)
 
 
-def test_the_weight_and_the_radius_are_those_asked_for(run, room, tmp_path):
+def test_plan_applies_weight_and_radius_options(run, room, tmp_path):
     ends = "--start", "1,2", "--goal", "4,3.5"
     run("plan", room, *ends, "--weight", "9", "-o", tmp_path / "out")
     about = json.loads((tmp_path / "out" / "choice.json").read_text())
@@ -896,7 +899,7 @@ def test_the_weight_and_the_radius_are_those_asked_for(run, room, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["compare", "plan", "simulate"])
-def test_what_fails_leaves_no_folder(run, tmp_path, command):
+def test_failed_command_leaves_no_folder(run, tmp_path, command):
     ends = () if command == "compare" else ("--start", "1,1", "--goal", "2,2")
     check_refusal(run(command, tmp_path / "none.yaml", *ends, "-o", tmp_path / "out"))
     assert not (tmp_path / "out").exists()
@@ -915,7 +918,7 @@ def test_what_fails_leaves_no_folder(run, tmp_path, command):
         "plan choice.yaml --start 1,2 --goal 4,3 -o .",
     ],
 )
-def test_no_result_is_written_over_an_input(run, room, tmp_path, monkeypatch, command):
+def test_commands_never_overwrite_inputs(run, room, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     room.with_suffix(".pgm").unlink()
     grid = ascii_map("##########", *["#........#"] * 6, "##########", resolution=0.5)
@@ -931,13 +934,13 @@ def test_no_result_is_written_over_an_input(run, room, tmp_path, monkeypatch, co
     assert {file: file.read_bytes() for file in before} == before
 
 
-def test_in_python_a_map_may_be_written_over(room, run):
+def test_python_may_overwrite_loaded_map(room, run):
     run("field", room)
     save_map(load_map(room), room)
 
 
 @pytest.mark.parametrize("text", ["1.5", "x", "1e999", "nan"])
-def test_a_count_that_is_not_whole_is_refused_and_not_rounded(run, room, text):
+def test_count_options_require_whole_numbers(run, room, text):
     ends = "--start", "1,2", "--goal", "4,3.5", "--lidar", "turtlebot4"
     for command in ("plan", "simulate"):
         code, _, err = run(command, room, *ends, "--drives", text)
@@ -948,7 +951,7 @@ def test_a_count_that_is_not_whole_is_refused_and_not_rounded(run, room, text):
     assert run("plan", room, "--start", "1,2", "--goal", "4,3.5", "--seed", "2.0")[0] == 0
 
 
-def test_a_mask_is_not_planned_on_without_a_warning(run, room):
+def test_plan_warns_about_mask_as_map(run, room):
     mask = room.with_name("keepout_mask.yaml")
     save_map(load_map(room), mask)
     said = "this seems to be a mask for a costmap filter"
@@ -957,7 +960,7 @@ def test_a_mask_is_not_planned_on_without_a_warning(run, room):
         assert (code, err.count(said)) == (0, count)
 
 
-def test_the_lidar_that_is_assumed_is_said(run, room):
+def test_simulate_reports_assumed_lidar(run, room):
     ends = "--start", "1,2", "--goal", "4,3.5", "--drives", "2"
     for more, count in (((), 1), (("--lidar", "turtlebot4"), 0)):
         code, _, err = run("simulate", room, *ends, *more)
@@ -976,17 +979,17 @@ def test_the_lidar_that_is_assumed_is_said(run, room):
         ("simulate", ("--path", "p.csv", "--min-distance", "2"), "--min-distance has no effect"),
     ],
 )
-def test_a_message_names_the_option_as_it_is_typed(run, room, command, more, message):
+def test_errors_name_options_as_typed(run, room, command, more, message):
     assert message in check_refusal(run(command, room, *more))
 
 
-def test_a_line_of_a_path_that_is_not_finite_is_named(run, room, tmp_path):
+def test_path_error_names_nonfinite_line(run, room, tmp_path):
     (tmp_path / "mine.csv").write_text("x,y\n1,2\n\n1,nan\n")
     found = check_refusal(run("simulate", room, "--path", tmp_path / "mine.csv"))
     assert "mine.csv: line 4 has x, y that are not all finite" in found
 
 
-def test_paths_of_one_name_are_called_by_their_folders(run, room, tmp_path):
+def test_simulate_distinguishes_paths_by_folder(run, room, tmp_path):
     files = [tmp_path / name / "01-shortest.csv" for name in ("a", "b")]
     for file in files:
         file.parent.mkdir()
@@ -1018,7 +1021,7 @@ def test_field_option_takes_computed_field(run, room, tmp_path, monkeypatch):
     assert "--stride has no effect with a computed field" in error
 
 
-def test_field_option_rejects_field_of_other_lidar(run, room, tmp_path):
+def test_field_option_rejects_other_lidar(run, room, tmp_path):
     config = FieldConfig(Scan(Lidar(range=3.0, beams=30, model="mine")), stride=1.0)
     locplan.covariance_field(load_map(room), config).save(tmp_path / "lab.npz")
     plan = "plan", room, "--start", "1,2", "--goal", "4,3.5", "--field", tmp_path / "lab.npz"
@@ -1072,7 +1075,7 @@ def test_info_lists_names_without_map(run):
     assert "name a map" in check_refusal(run("info", "--lidars"))
 
 
-def test_settings_that_info_lists_can_be_set(run):
+def test_info_settings_can_be_set(run):
     words = {"True": "true", "False": "false", "None": "null"}
     rows = json.loads(run("info", "--settings", "--lidar", "turtlebot4", "--json")[1])
     pairs = [(each["setting"], words.get(each["value"], each["value"])) for each in rows]

@@ -45,7 +45,7 @@ def test_lock_file_names_no_registry():
     assert all("resolved" not in package for package in lock["packages"].values())
 
 
-def test_page_has_no_inline_style_or_script():
+def test_page_has_no_inline_code():
     page = (BUILT / "index.html").read_text()
     assert not re.search(r" style=|<style| on\w+=|<script>|https?://", page)
 

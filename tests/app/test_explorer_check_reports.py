@@ -53,7 +53,7 @@ def session_on(folder, **opening) -> Session:
     return session
 
 
-def test_report_is_read_with_routes_and_fixes(checked):
+def test_report_answer_has_routes_and_fixes(checked):
     session = session_on(checked)
     told = ask(session, "report")
     about = json.loads((checked / "check.json").read_text())
@@ -77,14 +77,14 @@ def test_report_is_read_with_routes_and_fixes(checked):
     assert CheckReport.read(checked).robot.known_lidar.range == 6.0
 
 
-def test_weak_spots_of_report_are_shown_with_zones(checked):
+def test_zones_keep_weak_spots_of_report(checked):
     zone = {"kind": "zone", "zone": "slow", "polygon": [[1, 1], [2, 1], [2, 2]], "percent": 30}
     plain, zoned = session_on(checked), session_on(checked, changes=(zone,))
     spots, others = (json.dumps(describe_state(each)["weak_spots"]) for each in (plain, zoned))
     assert spots == others
 
 
-def test_page_begins_with_route_that_fails_most(checked, run, monkeypatch):
+def test_page_starts_with_worst_route(checked, run, monkeypatch):
     seen = {}
     monkeypatch.setattr(Explorer, "wait", lambda self: seen.update(session=self.session))
     code, _, err = run("explore", "--check", checked, "--no-browser", "--stride", "0.8")
@@ -125,7 +125,7 @@ def test_recommended_path_of_report_is_shown(checked, tmp_path):
         ),
     ],
 )
-def test_bad_report_is_refused_in_one_line(checked, tmp_path, run, damage, fault):
+def test_explore_refuses_unusable_report(checked, tmp_path, run, damage, fault):
     shutil.copytree(checked.parent, tmp_path / "copy")
     damage(tmp_path / "copy" / "report")
     err = check_refusal(run("explore", "--check", tmp_path / "copy" / "report", "--no-browser"))

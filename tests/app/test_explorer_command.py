@@ -54,7 +54,7 @@ def map_file(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT")
-def test_the_command_serves_until_ctrl_c(map_file):
+def test_explore_serves_until_interrupt(map_file):
     command = [sys.executable, "-c", TERMINAL_CODE, "explore", str(map_file), *ARGUMENTS]
     with (
         subprocess.Popen(
@@ -82,7 +82,7 @@ def test_the_command_serves_until_ctrl_c(map_file):
     ]
 
 
-def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_path, small_field):
+def test_explore_passes_options_to_session(run, map_file, monkeypatch, tmp_path, small_field):
     seen = {}
     monkeypatch.setattr(Explorer, "wait", lambda self: seen.update(page=self))
     monkeypatch.setattr(Explorer, "open", lambda self: seen.update(open=True))
@@ -126,11 +126,11 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
         (("--lidar", "x"), "--lidar must be one of"),
     ],
 )
-def test_wrong_options_are_refused_in_one_line(run, map_file, arguments, fault):
+def test_explore_refuses_wrong_options(run, map_file, arguments, fault):
     assert fault in check_refusal(run("explore", map_file, *ARGUMENTS, *arguments))
 
 
-def test_without_the_extra_one_line_tells_what_to_install(run, map_file, monkeypatch):
+def test_explore_names_missing_extra(run, map_file, monkeypatch):
     monkeypatch.setattr(public, "find_spec", lambda name: None if name == "uvicorn" else True)
     err = check_refusal(run("explore", map_file, *ARGUMENTS))
     assert "the explorer needs uvicorn: pip install 'locplan[explore]'" in err
@@ -138,7 +138,7 @@ def test_without_the_extra_one_line_tells_what_to_install(run, map_file, monkeyp
         locplan.explore(room(), open_browser=False)
 
 
-def test_from_python_a_field_that_is_there_is_shown():
+def test_explore_in_python_shows_computed_field():
     field = locplan.covariance_field(
         room(), locplan.FieldConfig(locplan.Sad(range=1.0), stride=0.4)
     )
@@ -188,7 +188,7 @@ def test_zones_of_opening_are_checked():
             locplan.explore(room(), zones=locplan.Zones(zones), open_browser=False)
 
 
-def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
+def test_explore_chooses_estimator_by_lidar(monkeypatch):
     addresses = []
     monkeypatch.setattr("webbrowser.open", addresses.append)
     monkeypatch.setattr("locplan.app.explorer.session.Session.prepare", lambda session: None)
@@ -208,7 +208,7 @@ def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
         locplan.explore(room(), robot="turtlebot4")
 
 
-def test_in_a_notebook_the_page_is_a_frame(monkeypatch):
+def test_notebook_shows_page_in_frame(monkeypatch):
     shell = SimpleNamespace(kernel=object())
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
     monkeypatch.setattr("locplan.app.explorer.session.Session.prepare", lambda session: None)

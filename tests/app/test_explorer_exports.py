@@ -30,7 +30,7 @@ def export(
         session.close()
 
 
-def test_export_equals_that_of_library(tmp_path):
+def test_export_equals_library_export(tmp_path):
     zones = Zones([Zone("no-go", BAND), Zone("slow", BAND, 30), Zone("prefer", BAND[:3])])
     changes = [
         {"kind": "zone", "zone": zone.kind, "polygon": zone.polygon.tolist(), "percent": 30}
@@ -77,7 +77,7 @@ def test_second_export_gets_number_unless_forced(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["../../etc", "a/b", "..", "", "naïve map", "x" * 500, "\ufffd"])
-def test_name_of_map_makes_name_of_folder(name):
+def test_map_name_becomes_safe_file_name(name):
     """An export named after the map stays in the output folder."""
     file_name = make_map_file_name(name)
     assert Path(file_name).name == file_name
@@ -86,7 +86,7 @@ def test_name_of_map_makes_name_of_folder(name):
 
 
 @pytest.mark.parametrize("wrong", [{"distro": "melodic"}, {"weight": -1}])
-def test_wrong_export_is_refused_and_writes_nothing(tmp_path, wrong):
+def test_refused_export_writes_nothing(tmp_path, wrong):
     with pytest.raises(ConfigError) as error:
         export(tmp_path / "out", **wrong)
     assert "\n" not in str(error.value)

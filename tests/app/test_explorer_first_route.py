@@ -50,7 +50,8 @@ def test_first_route_avoids_degenerate_metres():
 
 
 @pytest.mark.long
-def test_first_route_avoids_degenerate_metres_on_nine_of_ten_maps():
+def test_first_route_helps_on_most_maps():
+    """On nine of ten maps, at least 5 % fewer metres are degenerate."""
     if not REAL_MAPS.is_dir():
         pytest.skip("the real maps are not here")
     files = [*MAPS, *(next((REAL_MAPS / name).glob("*.yaml")) for name in REAL)]
@@ -61,7 +62,7 @@ def test_first_route_avoids_degenerate_metres_on_nine_of_ten_maps():
     assert sum(share >= 0.05 for share in known.values()) >= 0.9 * len(known), shares
 
 
-def test_first_route_on_uniform_map_has_two_ends():
+def test_uniform_map_has_first_route():
     grid = ascii_map(*["." * 30] * 6, resolution=0.5)
     robot = locplan.Robot(footprint=0.0, margin=0.0)
     site = ExploredSite(grid, FieldConfig(locplan.Sad(range=1.0), stride=1.0), robot)

@@ -116,7 +116,7 @@ CHANGES = {
 }
 
 
-def test_each_change_outdates_results_and_undo_restores_them(visit):
+def test_changes_outdate_results_until_undo(visit):
     """Five results times six changes, on one page."""
     window = visit(answers=STUBS, about=add_report)
     window.wait('html[data-report="fresh"][data-spots="fresh"]')
@@ -148,7 +148,7 @@ def test_each_change_outdates_results_and_undo_restores_them(visit):
         assert window.text(".tag") == "simulated", name
 
 
-def test_results_are_hidden_until_change_is_answered(visit, browser):
+def test_page_hides_results_during_change(visit, browser):
     window = visit(answers={"change": lambda question, basis: None})
     window.wait_for_colour(BLUE)
     window.draw("wall")
@@ -157,7 +157,7 @@ def test_results_are_hidden_until_change_is_answered(visit, browser):
     assert "–" in window.text("aside table")
 
 
-def test_page_shows_shortest_path_while_field_is_computed(visit):
+def test_page_shows_shortest_path_without_field(visit):
     xy = [[3, 1], [39, 1]]
     path = {"xy": xy, "length": 36.0, "degenerate": None, "mean_sigma_cm": None}
     path |= {"profile": {"s": [0, 36], "sigma_cm": [None, None]}}
@@ -188,7 +188,7 @@ def test_refused_change_is_taken_back(visit):
     assert window.page.locator('section[aria-label="Changes"] li, #undo:enabled').count() == 0
 
 
-def test_first_view_is_small_and_names_next_step(visit):
+def test_small_first_view_names_next_step(visit):
     window = visit(viewport={"width": 1400, "height": 900})
     window.wait('html[data-spots="fresh"]')
     counts = window.counts()
@@ -199,7 +199,7 @@ def test_first_view_is_small_and_names_next_step(visit):
 
 
 @pytest.mark.parametrize("width", sample_cases([390, 320]))
-def test_narrow_page_keeps_map_and_primary_button(visit, width):
+def test_narrow_page_keeps_map_and_button(visit, width):
     window = visit(viewport={"width": width, "height": 800}, is_mobile=True, has_touch=True)
     assert window.counts()["map_share"] >= 0.45
     assert window.page.evaluate("document.documentElement.scrollWidth") <= width
@@ -234,7 +234,7 @@ def test_touch_zooms_and_adds_waypoint(visit):
 
 
 @pytest.mark.long
-def test_marker_stays_on_map_if_dragged_out_of_window(visit):
+def test_marker_dragged_outside_stays_on_map(visit):
     window = visit()
     window.drag(window.middle(".marker.start"), -3000, -3000)
     window.settle()
@@ -413,7 +413,7 @@ def test_page_returns_after_restart_of_server(browser, server):
 
 
 @pytest.mark.long
-def test_turned_map_is_drawn_along_its_axes(visit):
+def test_arrow_keys_follow_turned_map(visit):
     yaw = 0.5
     with serve(*corridors(yaw)) as turned:
         window = visit(turned.address)
@@ -426,7 +426,7 @@ def test_turned_map_is_drawn_along_its_axes(visit):
 
 
 @pytest.mark.parametrize("count", sample_cases([40, 2000]))
-def test_random_actions_keep_page_and_server_equal(visit, server, count):
+def test_page_equals_server_after_random_actions(visit, server, count):
     window = visit(answers={"simulate": simulate, "export": export})
     page, choice = window.page, random.Random(5)
     tools = ("wall", "pole", "erase", "no-go", "slow", "prefer")
@@ -476,7 +476,7 @@ def test_random_actions_keep_page_and_server_equal(visit, server, count):
     assert changes == len(server.session.changes)
 
 
-def test_page_has_no_serious_finding_of_axe(visit):
+def test_page_passes_accessibility_check(visit):
     if not AXE.is_file():
         pytest.skip("axe-core is not installed; run npm ci in the folder of the page")
     for scheme in ("light", "dark"):

@@ -70,7 +70,7 @@ def count_searches(monkeypatch) -> list[int]:
 
 @pytest.mark.parametrize("weight", [4.0, 11.0])
 @pytest.mark.parametrize("over", [0, 2])
-def test_paths_at_rest_equal_those_of_library(session, weight, over):
+def test_paths_at_rest_equal_library_paths(session, weight, over):
     places = free_places(session, 4 + 2 * over, seed=over)
     costs = session.scene.costs.with_weight(weight)
     for stops in (places[: 2 + over], places[2 + over :]):
@@ -102,7 +102,7 @@ def test_zones_change_paths_as_in_library():
 
 
 @pytest.mark.parametrize("held", [0, 1, 2])
-def test_paths_of_held_stop_equal_those_at_rest(session, held):
+def test_dragged_paths_equal_paths_at_rest(session, held):
     for seed in range(7, 10):
         stops = free_places(session, 3, seed=seed)
         session.searches.forget()
@@ -115,7 +115,8 @@ def test_paths_of_held_stop_equal_those_at_rest(session, held):
             assert "profile" not in dragged[name]
 
 
-def test_stored_search_gives_planner_path_in_both_directions():
+def test_stored_search_gives_planner_path():
+    """The search may begin at either end."""
     rng, n_different = np.random.default_rng(2), 0
     for _ in range(40):
         grid = OccupancyGrid(np.full((20, 20), FREE), 1.0)
@@ -221,7 +222,7 @@ def test_kernels_of_drag_are_loaded_before(session, monkeypatch):
     assert all(call in before for call in calls)
 
 
-def test_only_legs_of_held_stop_are_planned_again(session, monkeypatch):
+def test_drag_replans_only_adjacent_legs(session, monkeypatch):
     (moved, *stops), legs = free_places(session, 5, seed=9), []
     ask_plan(session, stops, 4.0)
 
@@ -244,7 +245,7 @@ def test_plan_without_field_has_shortest_path():
     assert answer["basis"]["field"] is None
 
 
-def test_profile_is_short_and_keeps_greatest_value(session):
+def test_short_profile_keeps_greatest_value(session):
     path = ask_plan(session, free_places(session, 2, seed=11), 4.0)["recommended"]
     profile = path["profile"]
     assert len(profile["s"]) == len(profile["sigma_cm"]) <= 400
@@ -256,7 +257,7 @@ def test_profile_is_short_and_keeps_greatest_value(session):
     assert max(profile["sigma_cm"]) == pytest.approx(worst, rel=0.05)
 
 
-def test_drafts_join_the_same_stops(session, monkeypatch):
+def test_draft_paths_join_exact_stops(session, monkeypatch):
     set_limits(monkeypatch, session, draft_cells=50)
     start, goal = free_places(session, 2, seed=13)
     for held in (0, 1, None):
@@ -272,7 +273,7 @@ def test_drafts_join_the_same_stops(session, monkeypatch):
 
 
 @pytest.mark.parametrize("n_free", range(1, 5))
-def test_stop_in_blocked_coarse_cell_has_draft(n_free):
+def test_draft_starts_in_blocked_coarse_cell(n_free):
     cells = np.full((40, 60), FREE)
     cells[: 4 - n_free] = OCCUPIED
     start, goal = (0.55, (4 - n_free) / 10 + 0.05), (5.05, 3.05)
@@ -282,7 +283,7 @@ def test_stop_in_blocked_coarse_cell_has_draft(n_free):
     assert path["length"] < 1.1 * math.dist(start, goal)
 
 
-def test_unreachable_goal_has_reason_and_no_path():
+def test_unreachable_goal_has_reason():
     session = open_session(ascii_map("......#......", "......#......", resolution=0.5))
     answer = ask_plan(session, [(0.3, 0.3), (5.0, 0.3)], 4.0)
     assert answer["recommended"] is answer["shortest"] is None

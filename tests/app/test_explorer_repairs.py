@@ -43,7 +43,7 @@ def check_scene(session: Session, config: FieldConfig = SAD) -> None:
 
 
 @pytest.mark.parametrize("kind", ["wall", "erase", "pole"])
-def test_repaired_scene_equals_computed_one(kind):
+def test_repaired_scene_equals_computed_scene(kind):
     session = open_session(rooms(5), limits=SLOW)
     (x, y), *_ = free_places(session, 1)
     scenes = watch(session)
@@ -56,7 +56,7 @@ def test_repaired_scene_equals_computed_one(kind):
 
 
 @pytest.mark.parametrize("kind", ["Fisher", "Scan", "Fused"])
-def test_repaired_field_of_rays_equals_computed_one(kind):
+def test_repaired_ray_field_equals_computed_field(kind):
     config = FieldConfig(getattr(locplan, kind)(locplan.Lidar(range=2.0, beams=36)), stride=0.6)
     session = open_session(
         rooms(5, yaw=0.4), config, limits=SceneLimits(min_points=30, first_seconds=0)
@@ -67,7 +67,7 @@ def test_repaired_field_of_rays_equals_computed_one(kind):
     assert any(not scene.is_field_complete for scene in scenes)
 
 
-def test_changes_during_repair_end_in_last_site():
+def test_repair_ends_with_latest_changes():
     session, changes = open_session(rooms(6), limits=SLOW), []
     for n, xy in enumerate(free_places(session, 6)):
         changes.append(draw("pole", [xy], 0.3))
@@ -113,7 +113,7 @@ def test_undone_lidar_restores_basis(limit, tmp_path):
     assert session.scene.basis == before
 
 
-def test_zones_keep_the_field():
+def test_zone_change_keeps_field():
     session = open_session(rooms(4))
     field, (x, y) = session.scene.digest, free_places(session, 1)[0]
     square = [[x, y], [x + 1, y], [x + 1, y + 1]]

@@ -21,7 +21,8 @@ def make_parts(grid: OccupancyGrid, robot=POINT):
     return make_blank_scene(ExploredSite(grid, SAD, robot)).parts
 
 
-def test_stop_in_wall_moves_to_same_part():
+def test_stop_snaps_to_connected_part():
+    """Otherwise no path would join the stops."""
     parts = make_parts(
         ascii_map("..........", "##########", "##########", "#........#", "##########")
     )
@@ -35,7 +36,7 @@ def test_stop_in_wall_moves_to_same_part():
     assert snap_stops(parts, [lower, upper]) == [lower, upper]  # free ones stay in any case
 
 
-def test_stop_far_from_free_cells_is_refused():
+def test_stop_snaps_at_most_three_metres():
     parts = make_parts(ascii_map(".....###########"))
     assert snap_stops(parts, [(0.5, 0.5), (7.5, 0.5)])[1] == (4.5, 0.5)
     with pytest.raises(LocplanError, match=r"the goal .* no free cell within 3 m"):
@@ -45,7 +46,7 @@ def test_stop_far_from_free_cells_is_refused():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_nearest_cell_is_that_of_full_search(seed):
+def test_nearest_cell_equals_full_search(seed):
     grid, rng = rooms(seed, yaw=0.4), np.random.default_rng(seed)
     parts = make_parts(grid, locplan.Robot(footprint=0.2, margin=0.0))
     x, y = grid.grid_to_world(*rng.uniform(0, (60, 90), (30, 2)).T)
@@ -61,7 +62,7 @@ def test_nearest_cell_is_that_of_full_search(seed):
                 assert math.dist(nearest, xy) == pytest.approx(distance.min())
 
 
-def test_coarse_cells_have_mean_degeneracy_and_zones():
+def test_coarse_cells_average_degeneracy_and_zones():
     grid = OccupancyGrid(np.full((8, 12), 254, np.uint8), 0.5)
     u = np.linspace(0, 1, 96).reshape(8, 12)
     prefer = Zones([Zone("prefer", [[0, 0], [2, 0], [2, 2], [0, 2]])])

@@ -162,7 +162,7 @@ def test_about_names_map_and_choices(server):
     assert "turtlebot4" in {lidar["name"] for lidar in facts["lidars"]}
 
 
-def test_cells_and_layers_are_those_of_session(server):
+def test_server_sends_cells_and_layers(server):
     with connect_socket(server) as link:
         state = Page(link).state
     status, headers, content = fetch(server, f"/cells/{state['basis']['map']}")

@@ -68,7 +68,7 @@ def test_weak_spot_has_name_and_reason(session):
     assert ask(session, "at", x=3.0, y=12.0)["reason"] is None
 
 
-def test_weak_spots_do_not_depend_on_zones():
+def test_zones_keep_weak_spots():
     session = open_corridors()
     before = describe_state(session)["weak_spots"]
     wall = {"kind": "wall", "points": [[1.0, 1.0], [1.2, 1.0]], "width": 0.1}
@@ -135,7 +135,7 @@ def test_clearance_needs_no_array_of_map():
         ({"kind": "zone", "zone": "slow", "polygon": [[2, 2], [3, 2], [3, 3]]}, {"zones"}),
     ],
 )
-def test_change_and_undo_move_the_basis_there_and_back(session, change, digests):
+def test_change_alters_basis_until_undo(session, change, digests):
     before = ask(session, "plan", **ROUTE, route="key")
     ask(session, "change", changes=[change])
     after = ask(session, "plan", **ROUTE, route="other key")
@@ -236,10 +236,10 @@ def compare_with_fresh(session: Session, changes, stops) -> None:
     fresh.close()
 
 
-def test_random_actions_end_in_state_of_fresh_session(tmp_path):
+def test_random_actions_match_fresh_session(tmp_path):
     act_at_random(open_session(rooms(), cache_dir=tmp_path), 60)
 
 
 @pytest.mark.long
-def test_many_random_actions_end_in_state_of_fresh_session(tmp_path):
+def test_many_random_actions_match_fresh_session(tmp_path):
     act_at_random(open_session(rooms(), cache_dir=tmp_path), 2000)

@@ -60,7 +60,7 @@ def read_data(page: str) -> dict:
     return json.loads(re.search(r"window\.LOCPLAN = (.*?);</script>", page).group(1))
 
 
-def test_shared_page_carries_map_layers_and_plan(small_page):
+def test_shared_page_contains_map_and_plan(small_page):
     page, (grid, field) = share(), corridors()
     data = read_data(page)
     cells = np.frombuffer(zlib.decompress(base64.b64decode(data["cells"])), np.uint8)
@@ -81,7 +81,7 @@ def test_equal_views_make_equal_pages(small_page):
     assert share() == share()
 
 
-def test_policy_allows_just_the_inline_texts(small_page):
+def test_policy_allows_only_inline_texts(small_page):
     page = share()
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1)
     rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
@@ -95,7 +95,7 @@ def test_policy_allows_just_the_inline_texts(small_page):
     assert not re.search(r'(?:src|href)="(?!data:|#)', page)
 
 
-def test_no_text_of_user_ends_the_script(small_page):
+def test_user_text_cannot_end_script(small_page):
     hostile = '</script><script>alert("&")</script>\u2028<!-- <b>"&'
     page = share(name=hostile)
     assert read_data(page)["about"]["map"]["name"].startswith('</script><script>alert("&")')
@@ -118,7 +118,7 @@ def test_shared_page_names_no_folder(small_page, tmp_path):
     session.close()
 
 
-def test_scene_that_changes_during_packing_is_not_shared(small_page, monkeypatch):
+def test_share_refuses_change_during_packing(small_page, monkeypatch):
     session = open_corridors()
 
     def change(session, scene, question, job):

@@ -37,7 +37,7 @@ def session():
     session.close()
 
 
-def test_simulation_equals_that_of_library(session):
+def test_simulation_equals_library_simulation(session):
     shown = ask(session, "plan", **ROUTE)["recommended"]["xy"]
     answer = ask(session, "simulate", **ROUTE, path=shown, drives=4)
     grid, field = corridors()
@@ -75,7 +75,7 @@ def test_simulation_races_shown_path(session):
     assert [text for text in texts if re.search("--|`|locplan ", text)] == []
 
 
-def test_simulated_paths_visit_waypoints_and_keep_out_of_zones(session):
+def test_simulated_paths_respect_waypoints_and_zones(session):
     zone = {"kind": "zone", "zone": "no-go", "polygon": BAND}
     route = ROUTE | {"via": [list(MIDDLE)], "weight": 12.0}
     ask(session, "change", changes=[zone])
@@ -110,7 +110,7 @@ def test_simulation_without_path_is_refused():
 
 
 @pytest.mark.parametrize("do", ["simulate", "export", "share"])
-def test_long_answers_need_a_field(do, tmp_path):
+def test_simulate_export_share_need_field(do, tmp_path):
     grid, field = corridors()
     session = Session(grid, StartSettings(field.config, ROBOT, folder=tmp_path))
     with pytest.raises(ConfigError, match="field"):
@@ -132,7 +132,7 @@ def test_long_answers_need_a_field(do, tmp_path):
         {"start": [-500.0, -500.0]},
     ],
 )
-def test_wrong_route_is_refused_in_one_line(session, wrong):
+def test_simulation_refuses_wrong_route(session, wrong):
     with pytest.raises(LocplanError) as error:
         ask(session, "simulate", **{**ROUTE, **wrong})
     assert "\n" not in str(error.value)

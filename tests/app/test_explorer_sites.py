@@ -34,7 +34,7 @@ def draw(kind: str, points, width: float) -> dict:
     return {"kind": kind, "points": points, "width": width}
 
 
-def test_wall_fills_cells_whose_centres_it_covers():
+def test_wall_fills_covered_cell_centres():
     site = make_site(yaw=0.7)
     points = [[0.0, 1.5], [0.6, 2.0], [0.2, 2.4]]
     grid = change(site, draw("wall", points, 0.3)).grid
@@ -56,7 +56,7 @@ def test_thin_wall_has_no_gap():
     assert len(set(labels[site.grid.free])) == 2
 
 
-def test_erased_line_is_free_and_pole_is_round():
+def test_erase_frees_and_pole_fills_cells():
     site = change(make_site(UNKNOWN), draw("erase", [[1.0, 2.0], [4.0, 2.0]], 0.4))
     assert site.grid.cell((2.5, 2.0))
     assert site.grid.free[site.grid.cell((2.5, 2.0))]
@@ -92,7 +92,7 @@ def test_lidar_changes_field_settings(lidar, expected):
     assert site.config == FieldConfig(expected, stride=SAD.stride)
 
 
-def test_lidar_range_keeps_other_settings_of_lidar():
+def test_lidar_range_keeps_other_settings():
     lidar = locplan.Lidar(range=5.0, beams=90)
     config = FieldConfig(locplan.Fused(lidar), stride=0.4)
     site = change(
@@ -102,7 +102,7 @@ def test_lidar_range_keeps_other_settings_of_lidar():
     assert site.key != make_site(config=config, robot=locplan.Robot(lidar)).key
 
 
-def test_zones_are_those_of_the_library():
+def test_drawn_zones_equal_library_zones():
     slow = {"kind": "zone", "zone": "slow", "polygon": SQUARE, "percent": 30}
     site = change(make_site(), slow, {"kind": "zone", "zone": "no-go", "polygon": SQUARE[:3]})
     assert site.zones == Zones([Zone("slow", SQUARE, 30), Zone("no-go", SQUARE[:3])])
@@ -128,7 +128,7 @@ def test_zones_are_those_of_the_library():
         ({"kind": "zone", "zone": "slow", "polygon": SQUARE, "percent": 0}, "percent must be"),
     ],
 )
-def test_bad_change_is_refused_in_one_line(item, fault):
+def test_site_refuses_wrong_change(item, fault):
     with pytest.raises(LocplanError, match=fault) as error:
         change(make_site(), draw("pole", [[2.0, 2.0]], 0.3), item)
     assert "\n" not in str(error.value)

@@ -85,7 +85,7 @@ def test_plan_is_answered_with_both_paths(page):
     assert told["shortest"]["length"] <= told["recommended"]["length"]
 
 
-def test_newest_waiting_question_of_kind_is_answered(page, held):
+def test_server_answers_newest_waiting_question(page, held):
     begun, let_go = held
     first = page.send("simulate", n=1)
     assert begun.acquire(timeout=TIMEOUT)
@@ -215,7 +215,7 @@ def test_error_within_answer_is_one_line(page, monkeypatch):
     assert page.ask("at", x=0.0, y=0.0)["re"] == 2
 
 
-def test_change_is_seen_by_all_pages_and_undone_by_any(server):
+def test_pages_share_changes_and_undo(server):
     with connect_socket(server) as one, connect_socket(server) as other:
         first, second = Page(one), Page(other)
         before = first.state
@@ -236,7 +236,7 @@ def test_change_is_seen_by_all_pages_and_undone_by_any(server):
             page.state_when(lambda state: state["basis"] == before["basis"])
 
 
-def test_other_lidar_has_no_field_until_it_is_computed(page):
+def test_new_lidar_starts_without_field(page):
     before = page.state
     lidar = {"kind": "lidar", "lidar": None, "range": 0.7}
     basis = page.ask("change", changes=[lidar])["basis"]
@@ -304,7 +304,7 @@ QUICK = ("plan", "at", "change", "cancel")
 
 
 @pytest.mark.parametrize("text", HOSTILE, ids=lambda text: ascii(text[:20]))
-def test_malformed_messages_are_answered_in_one_line(page, text):
+def test_malformed_message_gets_error_line(page, text):
     page.link.send(text)
     told = page.wait(None) if not _numbered(text) else page.wait(_numbered(text))
     assert told["error"]
@@ -322,13 +322,13 @@ def _numbered(text: str) -> int | None:
     return number if type(number) is int and number >= 0 else None
 
 
-def test_malformed_bytes_do_not_end_the_page(page):
+def test_malformed_bytes_keep_page_open(page):
     page.link.send(b"\xff\x00\x01")
     assert page.wait(None)["error"]
     assert page.ask("at", x=0.0, y=0.0)["x"] == 0.0
 
 
-def test_random_questions_are_answered_by_result_or_one_line(server):
+def test_random_questions_never_crash_server(server):
     chance = random.Random(SEED)
     with connect_socket(server) as link:
         page = Page(link)
@@ -345,7 +345,7 @@ def test_random_questions_are_answered_by_result_or_one_line(server):
         page.state_when(lambda state: state["basis"] == before)
 
 
-def test_random_changes_end_in_state_of_fresh_session(server):
+def test_random_changes_match_fresh_session(server):
     """Two pages change one session, and both see the state of a session with these changes."""
     chance, changes = random.Random(SEED), []
     with connect_socket(server) as one, connect_socket(server) as other:

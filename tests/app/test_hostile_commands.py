@@ -71,7 +71,7 @@ def room(tmp_path, monkeypatch) -> str:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_command_refuses_missing_file_folder_and_nan(run, room, command):
+def test_command_refuses_missing_files_and_nan(run, room, command):
     arguments = inputs(command)
     given, first = NEEDED.get(command, ()), FIRST.get(command, room)
     for argument in arguments:

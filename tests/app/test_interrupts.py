@@ -91,11 +91,12 @@ def supervised(work: str) -> str:
     ],
     ids=["in foreign code", "in a thread", "caught", "waiting", "in a finalizer"],
 )
-def test_an_interrupt_ends_what_does_not_listen(tmp_path, work):
+def test_interrupt_ends_unresponsive_code(tmp_path, work):
     assert ended(begun(tmp_path, supervised(work))) == (130, "locplan: interrupted\n")
 
 
-def test_temporary_files_of_a_killed_process_are_removed(tmp_path):
+def test_interrupt_removes_temporary_files(tmp_path):
+    """The second process is killed and cannot clean up."""
     (tmp_path / "kept.txt").write_text("before")
     code = """
 from locplan._support.output import replace_file, temporary_folder
@@ -113,7 +114,7 @@ with replace_file("kept.txt") as file, replace_file("new.txt"), temporary_folder
     assert (tmp_path / "kept.txt").read_text() == "before"
 
 
-def test_moves_that_began_are_finished_if_the_process_is_killed(tmp_path):
+def test_interrupt_completes_started_moves(tmp_path):
     (tmp_path / "kept").mkdir()
     code = """
 import os
@@ -136,7 +137,8 @@ with ResultOutput(Path("kept"), "plan").writing() as folder:
 
 
 @pytest.mark.long
-def test_the_last_of_very_many_temporary_folders_is_removed_too(tmp_path):
+def test_interrupt_removes_last_of_many_folders(tmp_path):
+    """The names of all folders do not fit into the pipe."""
     code = """
 from locplan._support.output import temporary_folder
 with temporary_folder() as first:
@@ -152,7 +154,7 @@ with temporary_folder() as first:
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_existing_folders_are_those_with_a_whole_name(tmp_path):
+def test_existing_folders_exclude_truncated_name(tmp_path):
     names = [tmp_path / name for name in ("a\nb", "c", os.fsdecode(b"\xff"), "cut off")]
     for name in (names[0], *names[2:]):  # the process has removed the second one itself
         name.mkdir()
@@ -162,7 +164,8 @@ def test_existing_folders_are_those_with_a_whole_name(tmp_path):
     ]
 
 
-def test_the_next_run_removes_what_is_left_if_nobody_outlives_the_process(tmp_path):
+def test_next_run_removes_leftover_files(tmp_path):
+    """After SIGKILL, no process is left to clean up."""
     code = """
 from locplan._support.output import replace_file, temporary_folder
 with replace_file("new.txt") as file, temporary_folder():
@@ -184,11 +187,11 @@ with replace_file("new.txt") as file, temporary_folder():
     ("number", "expected"),
     [(signal.SIGTERM, (143, "locplan: terminated\n")), (signal.SIGHUP, (129, ""))],
 )
-def test_other_signals_end_a_command(tmp_path, number, expected):
+def test_terminate_and_hangup_end_command(tmp_path, number, expected):
     assert ended(begun(tmp_path, supervised("stuck()")), number) == expected
 
 
-def test_a_signal_to_the_first_process_alone_reaches_the_second(tmp_path):
+def test_supervisor_forwards_interrupt(tmp_path):
     process = begun(tmp_path, supervised("stuck()"))
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=TIMEOUT)[1] == "locplan: interrupted\n"
@@ -196,13 +199,13 @@ def test_a_signal_to_the_first_process_alone_reaches_the_second(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
-def test_the_second_process_ends_with_the_first(tmp_path):
+def test_worker_ends_with_supervisor(tmp_path):
     process = begun(tmp_path, supervised("stuck()"))
     process.kill()
     process.communicate(timeout=TIMEOUT)  # its pipes close when the second process has ended
 
 
-def test_exit_codes_are_passed_on_and_a_crash_is_one_line(tmp_path):
+def test_supervisor_forwards_exit_code_and_crash(tmp_path):
     for n, (work, expected) in enumerate(
         [
             ("print('stuck', flush=True)", (0, "")),
@@ -220,7 +223,8 @@ def test_exit_codes_are_passed_on_and_a_crash_is_one_line(tmp_path):
         assert (process.returncode, err) == expected
 
 
-def test_an_interrupt_that_was_ignored_from_the_start_stays_ignored(tmp_path):
+def test_ignored_interrupt_stays_ignored(tmp_path):
+    """A shell may start background commands with SIGINT ignored."""
     work = "print('stuck', flush=True)\ninput()\nprint('done')"
     process = begun(tmp_path, supervised(work), "SIG_IGN")
     os.killpg(process.pid, signal.SIGINT)
@@ -228,7 +232,8 @@ def test_an_interrupt_that_was_ignored_from_the_start_stays_ignored(tmp_path):
     assert process.returncode == 0
 
 
-def test_an_interrupt_before_there_is_a_second_process_is_one_line(tmp_path):
+def test_early_interrupt_prints_one_line(tmp_path):
+    """The interrupt comes before the second process exists."""
     code = """
 import importlib.abc
 class Stuck(importlib.abc.MetaPathFinder):
@@ -272,7 +277,7 @@ def stops() -> list:
 
 
 @pytest.mark.parametrize("stop", stops(), ids=lambda stop: "-".join([stop[1][0], stop[2].name]))
-def test_command_ends_where_it_is_and_leaves_nothing(tmp_path, stop):
+def test_interrupted_command_leaves_no_files(tmp_path, stop):
     where, arguments, number = stop
     grid = ascii_map("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
     save_map(grid, tmp_path / "room.yaml")

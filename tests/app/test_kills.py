@@ -127,7 +127,7 @@ def kill(home: Path, name: str, step: int) -> str:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_killed_command_leaves_old_or_new_results(tmp_path, seed):
+def test_kill_leaves_old_or_new_results(tmp_path, seed):
     draw = random.Random(seed)
     name = draw.choice(sorted({*COMMANDS} - {"check"}))
     steps = prepare(tmp_path, name)

@@ -60,14 +60,14 @@ def test_log_is_one_line_per_message(capsys, monkeypatch, is_verbose, expected):
     assert capsys.readouterr().err.splitlines() == expected
 
 
-def test_each_warning_of_package_is_logged_once(capsys):
+def test_repeated_warning_is_logged_once(capsys):
     with show_log(is_verbose=False):
         for _ in range(2):
             warnings.warn(MapWarning("m.yaml: odd"), stacklevel=1)
     assert capsys.readouterr().err == "locplan: warning: m.yaml: odd\n"
 
 
-def test_log_is_left_as_it_was(room, run):
+def test_command_restores_log_settings(room, run):
     names = "locplan", "locplan.ompl", None
     before = [(logging.getLogger(name).level, logging.getLogger(name).handlers) for name in names]
     before = [(level, list(handlers)) for level, handlers in before]

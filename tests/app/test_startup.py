@@ -58,7 +58,7 @@ def start_with_python_path(code, *folders):
     return subprocess.run([sys.executable, *code], env=env, capture_output=True, text=True)
 
 
-def test_packages_of_ros_do_not_replace_dependencies(tmp_path):
+def test_ros_packages_never_replace_dependencies(tmp_path):
     """A sourced ROS sets PYTHONPATH, which may have packages for another Python."""
     for name in ("numpy", "PIL", "yaml"):
         (tmp_path / name).mkdir()
@@ -85,13 +85,13 @@ def test_folder_of_locplan_keeps_its_place(tmp_path):
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
-def test_summary_equals_first_paragraph_of_command_help(name):
+def test_summary_equals_first_help_paragraph(name):
     text = make_application(name)[name].help
     assert read_summary(name) == " ".join(text.partition("\n\n")[0].split()) != ""
 
 
 @pytest.mark.parametrize("ompl", [True, False])
-def test_the_search_for_garbage_ends_with_the_program(monkeypatch, ompl):
+def test_garbage_collection_stops_at_exit(monkeypatch, ompl):
     done = []
     for name in ("set_threshold", "disable", "freeze"):
         monkeypatch.setattr(gc, name, lambda *_, name=name: done.append(name))

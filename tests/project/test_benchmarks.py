@@ -17,7 +17,7 @@ def raw_of(*benchmarks):
     return {**made, "benchmarks": list(benchmarks)}
 
 
-def test_peers_and_limits_fill_the_rows_and_other_figures_stand_beside_them():
+def test_table_rows_have_peers_and_limits():
     given = {
         "ratio_to_scipy": 3.0,
         "ratio_to_A_star": 1.5,
@@ -32,12 +32,12 @@ def test_peers_and_limits_fill_the_rows_and_other_figures_stand_beside_them():
     ]
 
 
-def test_a_benchmark_that_states_nothing_is_measured_by_the_yardstick():
+def test_benchmark_without_peer_uses_yardstick():
     (row,) = table.rows_of(measured("bench_new.py::test_a_new_one", 0.5, yardstick=0.05))
     assert row == table.Row("new: a new one", 0.5, table.YARDSTICK, pytest.approx(0.1))
 
 
-def test_a_benchmark_may_have_no_peer_and_is_marked_so():
+def test_benchmark_may_declare_no_peer():
     (row,) = table.rows_of(measured(no_peer="a limit of 5 s", yardstick=0.05))
     assert (row.peer, row.ratio, row.figures) == ("none", None, "a limit of 5 s")
     assert dict(table.ratios([row])) == {}
@@ -47,27 +47,28 @@ def test_a_benchmark_may_have_no_peer_and_is_marked_so():
 @pytest.mark.parametrize(
     ("value", "share", "names"), [(0.76, 0.25, 0), (0.74, 0.25, 1), (0.74, 0.3, 0), (1.5, 0, 0)]
 )
-def test_what_lost_more_than_a_share_is_named(key, value, share, names):
+def test_table_names_ratios_worse_than_share(key, value, share, names):
     last, now = (table.rows_of(measured(**{key: each})) for each in (1.0, value))
     lines = table.worse(now, last, share)
     assert len(lines) == names
     assert all(line.startswith("search: dijkstra [1000], ") for line in lines)
 
 
-def test_a_slower_machine_loses_nothing():
+def test_slower_machine_loses_no_ratio():
     last = table.rows_of(measured(seconds=0.5, ratio_to_scipy=3.0))
     now = table.rows_of(measured(seconds=5.0, ratio_to_scipy=3.0))
     assert table.worse(now, last, 0.1) == []
 
 
-def test_a_peer_and_a_limit_of_one_name_are_compared_apart():
+def test_peers_and_limits_are_compared_separately():
     last = table.rows_of(measured(ratio_to_scipy=3.0, share_of_scipy=0.3))
     now = table.rows_of(measured(ratio_to_scipy=3.0, share_of_scipy=0.1))
     (line,) = table.worse(now, last, 0.25)
     assert line == "search: dijkstra [1000], of scipy: 0.1, and it was 0.3 (-67%)"
 
 
-def test_what_is_not_measured_any_more_is_named_and_what_is_new_is_not_worse():
+def test_table_names_missing_ratios_only():
+    """A new ratio is not worse."""
     last, now = (table.rows_of(measured(**{f"ratio_to_{name}": 1.0})) for name in ("old", "new"))
     assert table.missing(now, last) == ["search: dijkstra [1000], old"]
     assert table.worse(now, last, 0.0) == []
@@ -91,7 +92,7 @@ def run_table(monkeypatch, tmp_path):
     return call
 
 
-def test_the_table_is_written_in_three_forms(run_table, tmp_path):
+def test_table_is_written_in_three_formats(run_table, tmp_path):
     assert run_table(tmp_path / "new" / "out", "-k", "search", asked=["-k", "search"]) == 0
     out = tmp_path / "new" / "out"
     assert {file.name for file in out.iterdir()} == {
@@ -107,7 +108,7 @@ def test_the_table_is_written_in_three_forms(run_table, tmp_path):
     assert table.read(out / "benchmarks.json") == table.rows_of(measured(ratio_to_scipy=3.0))
 
 
-def test_a_loss_ends_with_code_1_and_so_does_a_benchmark_that_failed(run_table, tmp_path, capsys):
+def test_loss_or_failure_exits_with_1(run_table, tmp_path, capsys):
     last = tmp_path / "last" / "benchmarks.json"
     assert run_table(last.parent) == 0
     assert run_table(tmp_path, "--compare", last) == 0
@@ -119,7 +120,7 @@ def test_a_loss_ends_with_code_1_and_so_does_a_benchmark_that_failed(run_table, 
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"rows": 3}', '{"rows": [{"seconds": 1}]}'])
-def test_what_is_no_table_is_refused_before_anything_is_measured(run_table, tmp_path, capsys, text):
+def test_wrong_table_is_refused_before_measurement(run_table, tmp_path, capsys, text):
     last = tmp_path / "last.json"
     last.write_text(text)
     assert run_table(tmp_path / "out", "--compare", last) == 2
@@ -127,7 +128,7 @@ def test_what_is_no_table_is_refused_before_anything_is_measured(run_table, tmp_
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_finds_new_benchmarks_and_runs_them(monkeypatch, tmp_path):
+def test_command_runs_new_benchmarks(monkeypatch, tmp_path):
     (tmp_path / "bench_new.py").write_text(
         "def test_it(benchmark):\n"
         "    benchmark.pedantic(sum, ([1, 2],), rounds=1)\n"

@@ -172,7 +172,7 @@ def test_every_parameter_is_described():
     assert {name: names for name, names in unknown.items() if names} == {}
 
 
-def test_defaults_are_told_as_they_are():
+def test_docstrings_state_actual_defaults():
     wrong = []
     for place in PLACES:
         if not (inspect.isfunction(place.thing) or inspect.ismethod(place.thing)):
@@ -210,7 +210,7 @@ def test_every_field_is_described():
     assert {name: names for name, names in lacking.items() if names} == {}
 
 
-def test_every_name_has_a_docstring_of_its_own_or_of_its_base():
+def test_every_name_has_docstring():
     written = [place.name for place in PLACES if not place.doc]
     for place in CLASSES:  # dataclass writes one where there is none
         node = classes_of(place.module.__name__)[place.thing.__name__]

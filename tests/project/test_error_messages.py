@@ -37,20 +37,21 @@ def bomb(depth: int) -> list:
         (np.zeros(3), "a value of type ndarray"),
     ],
 )
-def test_values_are_shown_as_they_are_written(value, text):
+def test_errors_show_values_as_written(value, text):
     assert checks.short_repr(value) == text
 
 
-def test_numbers_too_long_to_be_written_are_shown_by_their_size():
+def test_errors_show_size_of_long_numbers():
     assert checks.short_repr(10**5000) == "a number of 16610 bits"
 
 
 @pytest.mark.parametrize("value", ["a" * 10**6, list(range(10**6)), bomb(100), {"a": bomb(9)}])
-def test_long_and_deep_values_are_cut_before_they_are_written_out(value):
+def test_errors_cut_long_and_deep_values(value):
+    """Writing out the whole value would take too much memory."""
     assert len(checks.short_repr(value)) <= 60
 
 
-def test_every_message_is_one_line_that_can_be_printed():
+def test_error_message_is_printable_line():
     error = LocplanError("a\nb\udcff" + "x" * 10**6 + "; do this")
     assert str(error).isprintable()
     assert str(error).startswith("a?b?xxx")
@@ -60,7 +61,7 @@ def test_every_message_is_one_line_that_can_be_printed():
 
 
 @pytest.mark.parametrize("value", [10**400, -(10**400), math.inf, math.nan, True, "1", None, [1]])
-def test_what_no_float_can_hold_is_no_number(value):
+def test_number_checks_require_finite_number(value):
     with pytest.raises(ConfigError):
         checks.check_number("a", value)
     with pytest.raises(ConfigError):
@@ -74,7 +75,8 @@ def test_numbers_whose_products_overflow_are_refused(value):
             check("a", value)
 
 
-def test_numbers_whose_reciprocals_overflow_are_not_positive():
+def test_tiny_number_is_not_positive():
+    """The number's reciprocal would overflow."""
     with pytest.raises(ConfigError, match="at least 1e-12"):
         checks.check_positive("a", 1e-320)
 
@@ -86,7 +88,7 @@ def test_whole_numbers_fit_64_bits():
 
 
 @pytest.mark.parametrize("x", [10**400, 1e12, -1e9])
-def test_positions_farther_than_any_map_are_refused(x):
+def test_position_beyond_all_maps_is_refused(x):
     with pytest.raises(PoseError):
         checks.check_position(x, 0.0)
 
@@ -152,7 +154,7 @@ def test_command_line_names_options_as_typed(run, tmp_path, options, said):
     assert said in check_refusal(run("recording", path, tmp_path / "room.yaml", *options))
 
 
-def test_command_line_names_lidar_option_if_urdf_has_no_sensor(run, tmp_path):
+def test_command_suggests_lidar_for_bare_urdf(run, tmp_path):
     (tmp_path / "bot.urdf").write_text("<robot><link name='base_link'/></robot>")
     save_map(OccupancyGrid([[254]], resolution=0.1), tmp_path / "room.yaml")
     error = check_refusal(run("info", tmp_path / "room.yaml", "--robot", tmp_path / "bot.urdf"))

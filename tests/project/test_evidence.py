@@ -43,7 +43,7 @@ def test_claims_and_page_follow_from_rows(evidence, tmp_path):
     assert (tmp_path / "evidence.md").read_text() == evidence.PAGE.read_text()
 
 
-def test_claims_have_unique_keys_and_holding_intervals(evidence):
+def test_claims_have_unique_keys_valid_intervals(evidence):
     with (evidence.ROWS / "claims.csv").open(encoding="utf-8", newline="") as opened:
         claims = list(csv.DictReader(opened))
     keys = [claim["key"] for claim in claims]
@@ -60,7 +60,7 @@ def test_page_has_each_table_once(evidence):
     assert sorted(name for _, name, _ in names) == sorted({"claims", *evidence.TABLES})
 
 
-def test_mean_over_groups_equals_mean_of_values(evidence):
+def test_mean_over_groups_weighs_values_equally(evidence):
     mean = evidence.estimate_over_groups([[1.0, 2.0], [6.0]])
     assert mean.value == pytest.approx(3.0)
     assert mean.low < 3.0 < mean.high

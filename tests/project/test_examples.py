@@ -81,7 +81,7 @@ def gallery(monkeypatch):
     return load_example("gallery", monkeypatch)
 
 
-def test_the_gallery_takes_a_map_whose_path_needs_quotes(gallery):
+def test_gallery_quotes_map_path(gallery):
     file = "/my maps/it's.yaml"
     given = dict.fromkeys(("lidar", "start", "goal", "middle"), "1,2")
     files = dict.fromkeys(("map", "driven", "drive", "examples"), shlex.quote(file))
@@ -98,7 +98,7 @@ def test_the_gallery_takes_a_map_whose_path_needs_quotes(gallery):
 
 
 @pytest.mark.long
-def test_the_gallery_shows_each_picture_with_its_command(gallery, tmp_path, capsys):
+def test_gallery_shows_pictures_with_commands(gallery, tmp_path, capsys):
     module = gallery
     module.main(str(tmp_path), MAP, "turtlebot4", "info.png", "paper_e.png")
     page = (tmp_path / "index.md").read_text("utf-8")
@@ -113,7 +113,7 @@ def test_there_are_examples():
     assert EXAMPLES
 
 
-def test_ompl_program_finds_no_path_to_walled_goal(monkeypatch):
+def test_ompl_program_rejects_approximate_path(monkeypatch):
     """OMPL itself returns a path that ends near the goal, which was once printed with its J."""
     from ompl import base
 

@@ -256,11 +256,11 @@ def run_copy(tmp_path_factory):
     return run
 
 
-def test_recipes_add_one_of_each(run_copy):
+def test_recipes_extend_package_copy(run_copy):
     run_copy("-c", USE_ALL)
 
 
-def test_added_estimator_and_format_work_in_commands(run_copy):
+def test_commands_use_added_estimator_and_format(run_copy):
     line = "export bay.yaml --to name --field uniform --json -o name.txt"
     assert '"name"' in run_copy("-m", "locplan", *line.split(), "--prefix", "my ")
     assert run_copy("-c", "print(open('name.txt').read())") == "my bay\n"

@@ -50,7 +50,7 @@ def between(costs, *cells):
     return plan(costs, *(costs.grid.position(*cell) for cell in cells))
 
 
-def test_a_plan_that_is_small_on_its_map_is_drawn_large_with_an_inset(costs, field):
+def test_small_plan_is_enlarged_with_inset(costs, field):
     short, long = between(costs, (35, 35), (45, 45)), between(costs, (5, 5), (115, 195))
     upper = plan_figure(costs, field, {"short": short}).axes[0]
     assert np.ptp(upper.get_xlim()) < 0.5 * np.ptp(limits_of(costs.grid)[0])
@@ -64,13 +64,13 @@ def test_a_plan_that_is_small_on_its_map_is_drawn_large_with_an_inset(costs, fie
     assert (upper.get_xlim(), upper.get_ylim()) == limits_of(costs.grid)
 
 
-def test_every_picture_of_paths_is_drawn_large(costs):
+def test_path_figure_enlarges_small_path(costs):
     short = between(costs, (35, 35), (45, 45))
     assert len(path_figure(short).axes[0].child_axes) == 1
 
 
 @pytest.mark.parametrize("corner", [(0, 0), (0, 1), (1, 0), (1, 1)])
-def test_an_inset_leaves_the_path_free(corner):
+def test_inset_never_covers_path(corner):
     grid = hall(300, 500, (0.0, 0.0, 0.0))
     way = np.array([[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])  # one corner is free
     path = Path(16 + 20 * np.abs(way - corner))
@@ -84,7 +84,7 @@ def test_an_inset_leaves_the_path_free(corner):
     assert not any(box.contains(*point) for point in at)
 
 
-def test_values_of_a_part_are_those_of_the_map(field):
+def test_enlarged_field_keeps_map_values(field):
     rows, cols = np.array([60.5, 70.5]), np.array([90.5, 99.5])
     path = Path(np.column_stack(field.grid.grid_to_world(rows, cols)))
     part = zoom_map(field.grid, [path])
@@ -98,13 +98,13 @@ def test_values_of_a_part_are_those_of_the_map(field):
     np.testing.assert_allclose(np.ma.filled(shown, np.nan), whole[window], rtol=1e-9)
 
 
-def test_paths_beside_the_map_show_all_of_it():
+def test_path_outside_map_shows_whole_map():
     grid = hall()
     beside = Path(np.array([[-500.0, -500.0], [-490.0, -500.0]]))
     assert crop_map(grid, [beside]) is grid
 
 
-def test_plans_of_one_path_say_so(costs, field):
+def test_figure_title_reports_equal_paths(costs, field):
     one, other = between(costs, (5, 5), (115, 195)), between(costs, (5, 5), (100, 20))
     for plans, title in (
         ({"a": one, "b": one}, "both take the same path"),
@@ -115,7 +115,7 @@ def test_plans_of_one_path_say_so(costs, field):
         assert plan_figure(costs, field, plans).axes[1].get_title() == title
 
 
-def test_the_inside_of_solid_walls_is_grey():
+def test_inside_of_walls_is_grey():
     cells = np.full((60, 80), FREE, np.uint8)
     cells[:20], cells[40, :], cells[50:] = OCCUPIED, OCCUPIED, UNKNOWN
     drawn = map_figure(OccupancyGrid(cells, 0.1)).axes[0].images[0].get_array()
@@ -127,7 +127,7 @@ def test_the_inside_of_solid_walls_is_grey():
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.6, 2.0, 4.0])
-def test_a_turned_map_is_drawn_whole(yaw):
+def test_figure_shows_whole_turned_map(yaw):
     grid = OccupancyGrid(np.full((30, 60), OCCUPIED, np.uint8), 0.1, (1.0, 2.0, yaw))
     figure = map_figure(grid)
     canvas = FigureCanvasAgg(figure)
@@ -138,7 +138,7 @@ def test_a_turned_map_is_drawn_whole(yaw):
     assert (drawn[len(drawn) - 1 - at[:, 1].astype(int), at[:, 0].astype(int)] < 200).all()
 
 
-def test_a_scale_ends_at_what_is_on_the_map(field):
+def test_colour_scale_ends_at_map_values(field):
     image = field_figure(field).axes[0].images[1]
     low, high = image.get_clim()
     ends = [100 * anchor for anchor in field.anchors("position_std")]
@@ -152,7 +152,7 @@ def test_a_scale_ends_at_what_is_on_the_map(field):
     assert layer.get_clim()[1] == pytest.approx(max(0.02, np.quantile(shown, 0.98)))
 
 
-def test_a_well_marked_map_has_no_weak_spot_in_words():
+def test_figure_title_reports_weak_spots():
     cells = np.full((30, 40), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     cells[8:12, 10:16] = cells[20:24, 25:28] = cells[6:8, 30:33] = OCCUPIED
@@ -191,7 +191,7 @@ def test_a_well_marked_map_has_no_weak_spot_in_words():
         (0.0755, 0.164),
     ],
 )
-def test_scales_have_some_round_numbers_and_not_too_many(ends):
+def test_logarithmic_axis_has_few_round_ticks(ends):
     axes = NotebookFigure().subplots()
     make_logarithmic(axes.xaxis)
     axes.set_xlim(*ends)
@@ -204,7 +204,8 @@ def test_scales_have_some_round_numbers_and_not_too_many(ends):
 
 
 @pytest.mark.parametrize(("lost", "panels"), [(0.0, 1), (0.25, 2)])
-def test_queries_without_a_lost_drive_have_no_empty_panel(lost, panels):
+def test_queries_figure_omits_empty_panel(lost, panels):
+    """Without a lost drive, the panel of lost drives would be empty."""
     query = Query("a", (1.0, 1.0), (5.0, 5.0))
     pair = (0.1, 0.12)
     routes = [QueryDrives(query, (5.0, 6.0), pair, (lost, 0.0), (lost, 0.0), pair, pair, {})] * 3

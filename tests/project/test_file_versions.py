@@ -61,7 +61,7 @@ def test_table_lists_files_of_all_writers(versions):
     assert {row for rows in WRITERS.values() for row in rows} <= versions.keys()
 
 
-def test_files_have_the_versions_of_the_table(versions, tmp_path):
+def test_file_versions_equal_documented_versions(versions, tmp_path):
     config = locplan.FieldConfig(locplan.Sad(range=0.5))
     costs = blank_room()
     locplan.Robot("turtlebot4").save(tmp_path / "robot.yaml")

@@ -28,7 +28,7 @@ def test_equal_results_do_not_differ():
         ({"m/costs/c": np.arange(4)}, False, "c: in one only"),
     ],
 )
-def test_differing_result_is_named_with_its_difference(changed, is_within, line):
+def test_comparison_names_differing_result(changed, is_within, line):
     lines = fingerprints.compared(MADE, MADE | changed)
     assert [text.startswith(f"m/costs/{line}") for text in lines[is_within]] == [True]
     assert lines[not is_within] == []
@@ -62,7 +62,7 @@ def scale_entry(factor: float) -> np.ndarray:
         ("choice/sad/verdict", np.arange(3), np.arange(1, 4), False),
     ],
 )
-def test_tolerance_suits_the_quantity(name, one, other, is_within):
+def test_tolerance_depends_on_quantity(name, one, other, is_within):
     assert fingerprints.is_within_tolerance(f"map/{name}", one, other) == is_within
 
 
@@ -81,7 +81,7 @@ def test_exit_code_tells_of_differences(tmp_path, monkeypatch, capsys, change, c
 
 
 @pytest.mark.long
-def test_results_of_a_map_are_the_same_again():
+def test_fingerprints_are_reproducible():
     grid = environments.make("places", resolution=0.1)
     one, other = (
         {f"places/{name}": array for name, array in fingerprints.results(grid)} for _ in range(2)

@@ -190,7 +190,8 @@ exec "{sys.executable}" -m locplan "$@"
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="the guides are for the shells of Unix")
 @pytest.mark.parametrize("page", [*PAGES, PROJECT / "README.md"], ids=lambda page: page.stem)
-def test_all_blocks_of_a_page_run_in_their_order(page, given_folder, monkeypatch):
+def test_code_blocks_of_page_run(page, given_folder, monkeypatch):
+    """A block may use the names and files of earlier blocks."""
     monkeypatch.setattr("webbrowser.open", lambda address: False)
     document = PARSED.parse(page)
     document.namespace["__name__"] = "__main__"  # functions go to other processes by value
@@ -199,7 +200,7 @@ def test_all_blocks_of_a_page_run_in_their_order(page, given_folder, monkeypatch
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_no_block_of_a_guide_is_skipped(page):
+def test_guide_skips_no_code_block(page):
     text = page.read_text("utf-8")
     fences = re.findall(r"^ *```(.*)$", text, re.MULTILINE)
     languages = fences[::2]
@@ -210,7 +211,7 @@ def test_no_block_of_a_guide_is_skipped(page):
     assert found == sum(language in RUN for language in languages)
 
 
-def test_shown_output_matches_equal_words_and_close_numbers():
+def test_shown_output_tolerates_close_numbers():
     printed = "a  b 10\nc d\nerror 0.45 [0.34, 0.61]"
     assert find_wrong_excerpt("a b 12\n...\nerror 0.50 [0.34, 0.61]", printed) is None
     assert find_wrong_excerpt("a b 12\n...\nerror 0.60 [0.34, 0.61]", printed) is not None
@@ -250,7 +251,7 @@ def anchors(text: str) -> set[str]:
     return found
 
 
-def test_anchors_are_those_that_github_makes():
+def test_anchors_equal_github_anchors():
     text = "# Two `words`, and: [a](b.md)\n\n```sh\n# no heading\n```\n## A\n## A\n"
     assert anchors(text) == {"two-words-and-a", "a", "a-1"}
 

@@ -45,7 +45,7 @@ def test_locplan_exports_at_most_50_names():
     assert len(names) <= 50
 
 
-def test_no_module_is_named_by_a_string():
+def test_strings_name_no_module():
     """Tools that follow imports do not see such a name."""
     for path in MODULES:
         assert not re.search(r"""["']locplan(\.\w+)+:\w+["']""", path.read_text("utf-8")), path
@@ -58,7 +58,7 @@ def test_kernels_stand_in_folders_of_kernels():
             assert not re.search(r"^@(numba\.)?n?jit|import njit", path.read_text(), re.M), path
 
 
-def test_kernels_use_the_compiler_of_this_package():
+def test_kernels_use_compiler_of_package():
     """numba itself fails if an installed package and the user's home cannot be written."""
     for path in MODULES:
         imports = [node for node in ast.walk(parse(path)) if isinstance(node, ast.ImportFrom)]
@@ -82,7 +82,7 @@ def test_package_imports_load_no_heavy_library():
     assert result.stdout.strip() == "[]", result.stderr
 
 
-def test_modules_of_posix_are_imported_inside_functions():
+def test_posix_modules_are_imported_lazily():
     for path in MODULES:
         imports = re.findall(r"^import (.+)$", path.read_text("utf-8"), re.MULTILINE)
         assert not set(re.findall(r"\w+", " ".join(imports))) & POSIX, path
@@ -113,7 +113,7 @@ def test_texts_have_same_line_ends_everywhere():
         assert ast.unparse(call.args[0]) in ("file", "target"), f"{path}:{call.lineno}"
 
 
-def test_texts_are_read_with_an_encoding():
+def test_text_is_read_with_encoding():
     """Windows reads a text in the encoding of its language unless one is named."""
     readers = find_calls("read_text")
     assert readers
@@ -121,7 +121,7 @@ def test_texts_are_read_with_an_encoding():
         assert call.args or "encoding" in list_keywords(call), f"{path}:{call.lineno}"
 
 
-def test_equal_values_keep_their_order_when_sorted():
+def test_argsort_calls_name_sorting_algorithm():
     """Otherwise numpy's order of equal values depends on the processor."""
     calls = find_calls("argsort")
     assert len(calls) > 10

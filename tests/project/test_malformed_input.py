@@ -68,12 +68,12 @@ def bomb(head: str) -> str:
         "a: &a {<<: [{b: 1}]}\nb: &b {<<: [*a, *a]}\namcl: {<<: *b}\nc: &c [*c]\n",
     ],
 )
-def test_aliases_that_stand_for_too_much_are_refused(tmp_path, text):
+def test_parameter_file_refuses_alias_bomb(tmp_path, text):
     with pytest.raises(MapError, match="aliases stand for over 100000 values; write out"):
         read_parameters(nav2(tmp_path, text))
 
 
-def test_a_wrong_value_of_a_parameter_is_cut(tmp_path):
+def test_parameter_error_cuts_long_value(tmp_path):
     names = ", ".join(f"[{n}]" for n in range(5000))
     text = f"planner_server: {{ros__parameters: {{planner_plugins: [{names}]}}}}\n"
     with pytest.raises(LocplanError, match="must be a list of names, not") as caught:
@@ -81,7 +81,7 @@ def test_a_wrong_value_of_a_parameter_is_cut(tmp_path):
     assert len(str(caught.value)) < 300
 
 
-def test_aliases_and_merged_keys_are_written_out(tmp_path):
+def test_parameters_resolve_aliases_and_merged_keys(tmp_path):
     text = (
         "base: &base {z_hit: 0.7, z_rand: 0.3}\namcl: {ros__parameters: {<<: *base, z_rand: 1}}\n"
     )
@@ -91,7 +91,7 @@ def test_aliases_and_merged_keys_are_written_out(tmp_path):
     assert read_amcl(file) == Amcl(z_hit=0.7, z_rand=1)
 
 
-def test_keys_are_texts_and_so_is_what_ros_does_not_know(tmp_path):
+def test_keys_and_unknown_types_become_text(tmp_path):
     text = "amcl:\n  ros__parameters:\n    a: 2001-12-14\n    b: 2020-13-45\n    c: !!int x\n"
     text += (
         "    ~: 1\n    2020-01-01: 2\n    [1, 2]: 3\n    5: 4\n    d: ~\n    e: [1, 2.5, true]\n"
@@ -107,20 +107,20 @@ def test_keys_are_texts_and_so_is_what_ros_does_not_know(tmp_path):
 @pytest.mark.parametrize(
     "text", [DEEP, "- " * 3000, "a: " + DEEP, "\x00", "a: b: c", "", "[]", "a"]
 )
-def test_what_holds_no_parameters_is_refused(tmp_path, text):
+def test_file_without_parameters_is_refused(tmp_path, text):
     with pytest.raises(LocplanError):
         read_parameters(nav2(tmp_path, text))
 
 
 @pytest.mark.parametrize("text", [DEEP, "{" * 60000, "a: " + DEEP, "{[" * 51])
-def test_deep_brackets_are_refused_before_they_are_parsed(tmp_path, monkeypatch, text):
+def test_deep_brackets_are_refused_before_parsing(tmp_path, monkeypatch, text):
     monkeypatch.setattr("yaml.compose", lambda *_, **__: pytest.fail("it is parsed"))
     for read in (read_parameters, load_map):
         with pytest.raises(MapError, match="has brackets over 100 deep"):
             read(nav2(tmp_path, text))
 
 
-def test_whole_numbers_of_over_64_bits_are_texts_and_can_be_written(tmp_path):
+def test_numbers_over_64_bits_become_text(tmp_path):
     for value in ("0x" + "f" * 4000, str(2**63)):
         read = read_parameters(nav2(tmp_path, f"amcl: {{ros__parameters: {{a: {value}}}}}\n"))
         assert read.read_node_parameters("amcl") == {"a": value}
@@ -129,7 +129,7 @@ def test_whole_numbers_of_over_64_bits_are_texts_and_can_be_written(tmp_path):
     assert read_parameters(file).read_node_parameters("amcl") == {"a": -(2**63)}
 
 
-def test_values_that_no_float_holds_are_out_of_range(tmp_path):
+def test_amcl_rejects_number_beyond_float_range(tmp_path):
     for value in ("9" * 400, "9" * 5000, "0x" + "f" * 4000, "1e400"):
         file = nav2(tmp_path, f"amcl: {{ros__parameters: {{alpha1: {value}}}}}\n")
         with pytest.raises(LocplanError, match="alpha1 must be"):
@@ -140,7 +140,7 @@ def test_values_that_no_float_holds_are_out_of_range(tmp_path):
 
 
 @pytest.mark.parametrize("resolution", [0.0009, 1e-8, 10.1, 50, 10**400])
-def test_resolutions_that_are_hardly_metres_are_refused(resolution):
+def test_grid_rejects_implausible_resolution(resolution):
     with pytest.raises(MapError, match=r"resolution must be 0\.001 to 10 m per cell"):
         OccupancyGrid(np.zeros((2, 2), np.uint8), resolution)
     with pytest.raises(MapError, match=r"not 0.0001; is it metres\?"):
@@ -153,7 +153,7 @@ def test_origins_beyond_all_maps_are_refused(origin):
         OccupancyGrid(np.zeros((2, 2), np.uint8), 0.1, origin)
 
 
-def test_names_that_are_no_utf_8_are_replaced(tmp_path):
+def test_map_name_replaces_invalid_characters(tmp_path):
     folder = tmp_path / os.fsdecode(b"h\xffall")
     try:
         folder.mkdir()
@@ -165,7 +165,7 @@ def test_names_that_are_no_utf_8_are_replaced(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["field", "export"])
-def test_commands_take_maps_whose_names_are_no_utf_8(run, tmp_path, monkeypatch, command):
+def test_commands_accept_undecodable_file_name(run, tmp_path, monkeypatch, command):
     file = tmp_path / os.fsdecode(b"h\xffall.yaml")
     save_map(ascii_map(*["....."] * 5, resolution=0.5), tmp_path / "a.yaml")
     try:
@@ -210,7 +210,7 @@ def test_movingai_maps_are_read_or_refused(tmp_path, name, text, fault):
         ("0 a.map 4", "is not a scenario"),
     ],
 )
-def test_scenarios_that_do_not_fit_are_refused(tmp_path, line, fault):
+def test_scenarios_must_fit_map(tmp_path, line, fault):
     (tmp_path / "a.scen").write_text(f"version 1\n{line}\n")
     with pytest.raises(LocplanError, match=fault):
         read_scenarios(tmp_path / "a.scen", OPEN)
@@ -263,7 +263,7 @@ def test_garbage_description_is_computed_again(tmp_path, garbage, caplog):
         {"kind": ["a"] * 1000},
     ],
 )
-def test_entries_of_another_kind_are_no_field(tmp_path, changes):
+def test_cache_survives_entry_of_wrong_type(tmp_path, changes):
     cache_files(tmp_path)
     file = field_path(GRID, SMALL, tmp_path)
     with_changes(file, **changes)
@@ -276,7 +276,7 @@ def test_entries_of_another_kind_are_no_field(tmp_path, changes):
     assert str(file) in str(error.value)
 
 
-def test_long_texts_in_a_description_are_cut_in_the_list(tmp_path):
+def test_cache_list_cuts_long_texts(tmp_path):
     cache_files(tmp_path)
     with_changes(field_path(GRID, SMALL, tmp_path), map="a" * 9999, title="b" * 9999)
     found = list_cache_entries(tmp_path)
@@ -284,7 +284,7 @@ def test_long_texts_in_a_description_are_cut_in_the_list(tmp_path):
     assert len(json.dumps([entry.to_json() for entry in found])) < 5000
 
 
-def test_arrays_larger_than_their_limit_are_not_read(tmp_path):
+def test_field_file_refuses_oversized_arrays(tmp_path):
     file = tmp_path / "f.npz"
     make_field().save(file)
     with np.load(file) as arrays:
@@ -299,7 +299,7 @@ def test_arrays_larger_than_their_limit_are_not_read(tmp_path):
 
 
 @pytest.mark.parametrize("text", [DEEP, "[]", '{"outputs": []}', "kind: run\nversion: 1", "\0"])
-def test_folder_with_a_damaged_run_is_refused(tmp_path, text):
+def test_export_refuses_damaged_run_file(tmp_path, text):
     (tmp_path / "run.yaml").write_text(text)
     with pytest.raises(LocplanError, match=r"run\.yaml: was not written by"):
         list_formats()["ros-map"].check_target(tmp_path)
@@ -317,21 +317,22 @@ def test_folder_with_a_damaged_run_is_refused(tmp_path, text):
         Scan(Lidar(), sigma_hit=1e6),
     ],
 )
-def test_cells_too_fine_for_the_window_are_refused_before_any_array_is_made(estimator, monkeypatch):
+def test_field_refuses_too_fine_cells(estimator, monkeypatch):
+    """The check comes before any array is allocated."""
     grid = OccupancyGrid(np.full((60, 60), 254, np.uint8), 0.001)
     monkeypatch.setattr(type(estimator), "covariances", lambda *_: pytest.fail("it is computed"))
     with pytest.raises(ConfigError, match=r"are too fine for a range of .* scale the map down"):
         covariance_field(grid, estimator)
 
 
-def test_windows_of_too_many_offsets_are_refused():
+def test_oversized_search_window_is_refused():
     window = SearchWindow(half_width=100.0, step=0.1, half_rotation_deg=0.0)
     assert window.to_lattice(0.05).size < 10**7
     with pytest.raises(ConfigError, match="a search window of 52052013 offsets"):
         SearchWindow(half_width=100.0, step=0.1).to_lattice(0.05)
 
 
-def test_a_range_beyond_the_map_changes_nothing():
+def test_range_beyond_map_changes_nothing():
     for make in (
         lambda r: Sad(range=r),
         lambda r: Scan(Lidar(range=r)),
@@ -341,7 +342,7 @@ def test_a_range_beyond_the_map_changes_nothing():
         np.testing.assert_array_equal(near.covariance, far.covariance)
 
 
-def test_a_stride_beyond_the_map_evaluates_one_point():
+def test_stride_beyond_map_evaluates_one_point():
     field = covariance_field(GRID, FieldConfig(Sad(range=1e4), stride=1e4))
     assert field.is_evaluated.shape == (1, 1)
     edited = OccupancyGrid(np.roll(GRID.cells, 1), GRID.resolution, GRID.origin)
@@ -372,7 +373,7 @@ def test_a_stride_beyond_the_map_evaluates_one_point():
         None,
     ],
 )
-def test_a_damaged_line_of_a_journal_is_named(tmp_path, changes):
+def test_journal_error_names_damaged_line(tmp_path, changes):
     line = DEEP if changes is None else json.dumps({**RUN, **changes})
     (tmp_path / "runs.jsonl").write_text(
         f'{{"format": "locplan comparison", "version": 2}}\n{line}\n'
@@ -382,20 +383,22 @@ def test_a_damaged_line_of_a_journal_is_named(tmp_path, changes):
 
 
 @pytest.mark.parametrize("image", ["~", "null", '""', '"a\\0b"', '"\\ud800"'])
-def test_a_map_without_an_image_is_an_error_not_the_home_folder(run, tmp_path, image):
+def test_map_without_image_is_refused(run, tmp_path, image):
+    """The image ~ must not mean the home folder."""
     save_map(ascii_map("..."), tmp_path / "a.yaml")
     text = (tmp_path / "a.yaml").read_text().replace("a.pgm", image)
     (tmp_path / "a.yaml").write_text(text)
     assert "image must be the name of a file" in check_refusal(run("field", tmp_path / "a.yaml"))
 
 
-def test_an_empty_cache_folder_is_refused():
+def test_empty_cache_folder_name_is_refused():
     with pytest.raises(LocplanError, match="the cache folder must be a path, not ''"):
         cache_folder("")
 
 
 @pytest.mark.parametrize("reach", [0, 1, 2, 5, 17])
-def test_of_the_nearest_free_cells_that_of_the_lowest_row_and_then_column_is_taken(reach):
+def test_nearest_cell_tie_takes_lowest_row(reach):
+    """In the same row, the lowest column counts."""
     span = range(-reach, reach + 1)
     every = sorted(itertools.product(span, span), key=lambda move: math.hypot(*move))
     free, at = np.zeros((40, 40), bool), (np.array([20]), np.array([20]))
@@ -405,7 +408,7 @@ def test_of_the_nearest_free_cells_that_of_the_lowest_row_and_then_column_is_tak
         assert (rows.tolist(), cols.tolist()) == ([20 + row], [20 + col])
 
 
-def test_a_long_stride_looks_only_as_far_as_the_nearest_free_cell():
+def test_lidar_search_stops_at_free_cell():
     free = np.ones((3, 1000), bool)
     free[:, 5] = False
     at = np.array([1]), np.array([5])
@@ -429,7 +432,8 @@ READ = {
 
 
 @pytest.mark.parametrize("name", READ)
-def test_pipes_are_refused_and_not_waited_for(tmp_path, name):
+def test_readers_refuse_pipes(tmp_path, name):
+    """Reading a pipe would wait forever."""
     os.mkfifo(tmp_path / name)
     with pytest.raises(LocplanError, match="no plain file, but a pipe"):
         READ[name](tmp_path / name)
@@ -454,7 +458,7 @@ SCANS = {
 
 
 @pytest.mark.parametrize("name", SCANS)
-def test_logs_and_what_is_kept_of_them_are_bounded(tmp_path, monkeypatch, name):
+def test_recording_reader_limits_lines_and_memory(tmp_path, monkeypatch, name):
     head, line = SCANS[name]
     text = head + "".join(line.format(n) for n in range(9))
     write = gzip.open if name.endswith("gz") else open
@@ -470,7 +474,7 @@ def test_logs_and_what_is_kept_of_them_are_bounded(tmp_path, monkeypatch, name):
         read_recording(tmp_path / name, every=9)
 
 
-def test_arrays_of_a_recording_are_measured_before_they_are_unpacked(tmp_path):
+def test_recording_refuses_oversized_arrays(tmp_path):
     file = tmp_path / "drive.npz"
     np.savez_compressed(file, ranges=np.zeros((2**14, 2**14 + 1), np.uint8))
     tracemalloc.start()
@@ -481,7 +485,7 @@ def test_arrays_of_a_recording_are_measured_before_they_are_unpacked(tmp_path):
 
 
 @pytest.mark.parametrize("value", [r"\UFFFFFFFF", r"\U7FFFFFFF", r"\U00110000"])
-def test_escapes_of_no_character_are_no_yaml(tmp_path, value):
+def test_invalid_yaml_escape_is_refused(tmp_path, value):
     for read in (read_parameters, load_map):
         with pytest.raises(MapError, match="is not YAML in UTF-8"):
             read(nav2(tmp_path, f'amcl: {{ros__parameters: {{a: "{value}"}}}}\n'))

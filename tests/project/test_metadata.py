@@ -53,7 +53,7 @@ def test_addresses_name_one_account():
     assert {"pyproject.toml", "CITATION.cff", ".github/SECURITY.md"} <= {*files}
 
 
-def test_citation_names_the_authors_of_the_package():
+def test_citation_names_package_authors():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     project = read_project()["project"]
 
@@ -86,7 +86,7 @@ def test_readme_of_pypi_needs_no_checkout():
     assert "maps/" not in text
 
 
-def test_readme_of_pypi_has_only_absolute_links():
+def test_pypi_readme_has_absolute_links():
     links = re.findall(r"\]\(([^)]+)\)", (ROOT / "README.md").read_text("utf-8"))
     text = make_readme_of_pypi()
     absolute = re.findall(r"\]\(([^)]+)\)", text)
@@ -128,7 +128,7 @@ def test_workflow_tests_declared_pythons():
     assert declared == tested
 
 
-def test_matrix_tries_each_extra():
+def test_matrix_tests_every_extra():
     """A new extra joins the cells of `.ci/matrix` and the uses of `.ci/smoke.py`."""
     extras = read_project()["project"]["optional-dependencies"].keys() - {"docs", "test"}
     matrix = (ROOT / ".ci" / "matrix").read_text("utf-8")

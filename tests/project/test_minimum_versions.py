@@ -33,7 +33,7 @@ def floors() -> list[str]:
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason="later Pythons need later versions")
-def test_the_lowest_versions_that_are_declared_work(tmp_path):
+def test_declared_minimum_versions_work(tmp_path):
     def run(*words):
         env = {**os.environ, "PYTHONPATH": str(ROOT)}
         done = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True)

@@ -44,7 +44,7 @@ def test_there_are_two_notebooks():
 
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
-def test_a_notebook_is_stored_executed_from_the_top_and_small(file):
+def test_notebook_is_stored_executed_and_small(file):
     assert file.stat().st_size < MAX_BYTES
     assert read(file)["metadata"] == MADE_BY
     cells = code_cells(file)
@@ -58,12 +58,12 @@ def test_a_notebook_is_stored_executed_from_the_top_and_small(file):
 
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
-def test_a_notebook_names_no_folder_of_a_machine(file):
+def test_notebook_names_no_local_folder(file):
     assert not OF_A_MACHINE.search(texts_of(file))
 
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
-def test_links_of_a_notebook_lead_somewhere_and_the_indexes_name_it(file):
+def test_notebook_links_and_index_entries_exist(file):
     for link in re.findall(r"\]\(([^)\s]+)\)", texts_of(file)):
         assert (FOLDER / link).is_file(), link
     for index in (PROJECT / "examples" / "README.md", FOLDER.parent / "guides" / "README.md"):
@@ -85,7 +85,7 @@ def execute(monkeypatch):
 
 @pytest.mark.long
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
-def test_a_notebook_runs_and_shows_as_much_as_is_stored(file, execute):
+def test_notebook_run_repeats_output_kinds(file, execute):
     cells = [cell for cell in execute.executed(file).cells if cell.cell_type == "code"]
     for stored, new in zip(code_cells(file), cells, strict=True):
         kinds = [output.output_type for output in new.outputs]
@@ -93,12 +93,12 @@ def test_a_notebook_runs_and_shows_as_much_as_is_stored(file, execute):
 
 
 @pytest.mark.long
-def test_a_notebook_runs_in_the_projects_folder(execute):
+def test_notebook_runs_in_project_folder(execute):
     execute.executed(NOTEBOOKS[0], PROJECT)
 
 
 @pytest.mark.long
-def test_an_error_of_a_cell_is_raised(execute, tmp_path):
+def test_error_in_notebook_cell_is_raised(execute, tmp_path):
     from nbclient.exceptions import CellExecutionError
     from nbformat.v4 import new_code_cell, new_notebook
 
@@ -108,7 +108,7 @@ def test_an_error_of_a_cell_is_raised(execute, tmp_path):
         execute.executed(file)
 
 
-def test_what_was_printed_is_stored_in_one_piece(execute):
+def test_notebook_output_joins_printed_parts(execute):
     from nbformat.v4 import new_output
 
     parts = [new_output("stream", name=name, text=text) for name, text in PARTS]

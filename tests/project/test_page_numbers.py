@@ -98,7 +98,7 @@ def test_paper_tags_every_number():
     assert re.findall(r"\S*\d\S*", rest) == []
 
 
-def test_readme_tags_every_number_of_its_evidence():
+def test_readme_tags_every_measured_number():
     text = (ROOT / "README.md").read_text("utf-8")
     evidence = re.search(r"^## Does it work\?$(.*?)^## ", text, re.M | re.S)
     assert evidence

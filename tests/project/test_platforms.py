@@ -24,7 +24,7 @@ from locplan.errors import LocplanError
         ("darwin", "not available on macOS 14 .*macOS 15"),
     ],
 )
-def test_without_ompl_its_planners_are_one_line(monkeypatch, platform, message):
+def test_missing_ompl_error_names_remedy(monkeypatch, platform, message):
     bindings = "locplan.planning.ompl.settings"
     monkeypatch.delitem(sys.modules, bindings, raising=False)
     monkeypatch.setitem(sys.modules, "ompl", None)
@@ -36,7 +36,7 @@ def test_without_ompl_its_planners_are_one_line(monkeypatch, platform, message):
     assert "\n" not in str(caught.value)
 
 
-def test_python_without_wheels_of_ompl_is_named(monkeypatch):
+def test_ompl_error_names_supported_python(monkeypatch):
     bindings = "locplan.planning.ompl.settings"
     monkeypatch.delitem(sys.modules, bindings, raising=False)
     monkeypatch.setitem(sys.modules, "ompl", None)
@@ -45,7 +45,7 @@ def test_python_without_wheels_of_ompl_is_named(monkeypatch):
         import_module(bindings)
 
 
-def test_without_ompl_and_posix_the_rest_works():
+def test_planning_works_without_ompl_and_posix():
     code = """
 import sys
 for name in ("ompl", "fcntl", "resource", "cloudpickle"):
@@ -89,7 +89,7 @@ print(run.status, run.note)
     assert (tmp_path / "runs.jsonl").exists()
 
 
-def test_temporary_folder_without_locks_is_not_abandoned(tmp_path, monkeypatch):
+def test_unlocked_temporary_folder_is_not_abandoned(tmp_path, monkeypatch):
     """A process on Windows and one on Linux may write into one folder."""
     monkeypatch.setitem(sys.modules, "fcntl", None)
     with temporary_folder(tmp_path) as folder:
@@ -100,7 +100,7 @@ def test_temporary_folder_without_locks_is_not_abandoned(tmp_path, monkeypatch):
     assert not folder.exists()
 
 
-def test_without_cloudpickle_only_ones_own_planners_are_refused(monkeypatch):
+def test_compare_needs_cloudpickle_for_user_planners(monkeypatch):
     def mine(costs, start, goal):
         return locplan.plan(costs, start, goal)
 
@@ -127,7 +127,7 @@ def command(folder, *arguments, env=(), before=None, **streams):
 @pytest.mark.parametrize(
     "backend", sample_cases(["module://matplotlib_inline.not_there", "nonsense"])
 )
-def test_pictures_are_drawn_whatever_backend_the_environment_names(tmp_path, backend):
+def test_pictures_ignore_matplotlib_backend_variable(tmp_path, backend):
     locplan.save_map(EMPTY_ROOM, tmp_path / "room.yaml")
     env = {"MPLBACKEND": backend, "MPLCONFIGDIR": "/proc/nowhere"}
     said = command(tmp_path, "info", "room.yaml", "-o", "a.png", env=env)
@@ -156,7 +156,7 @@ def test_missing_home_is_one_notice(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no limits of a process")
 @pytest.mark.parametrize("columns", sample_cases(["1", "0"]))
-def test_help_ends_however_narrow_the_terminal(tmp_path, columns):
+def test_help_ends_on_narrow_terminal(tmp_path, columns):
     def before():
         import resource
 

@@ -63,7 +63,7 @@ def _registered(monkeypatch):
     monkeypatch.setitem(ESTIMATORS, FromTheRight.name, FromTheRight)
 
 
-def test_a_field_of_an_estimator_of_ones_own_is_planned_on(grid):
+def test_plan_uses_field_of_user_estimator(grid):
     field = locplan.covariance_field(grid, FromTheRight(slope=0.05))
     costs = locplan.Costmap.from_field(field)
     assert costs.weight == 9.0
@@ -74,7 +74,7 @@ def test_a_field_of_an_estimator_of_ones_own_is_planned_on(grid):
     assert columns.u[5, 20] == pytest.approx(0.2)
 
 
-def test_it_is_cached_saved_and_drawn_like_any_other(grid, tmp_path):
+def test_user_estimator_is_cached_and_drawn(grid, tmp_path):
     config = FieldConfig(FromTheRight(slope=0.05), stride=0.5)
     field = locplan.load_or_compute(grid, config)
     again = locplan.load_or_compute(grid, config)
@@ -86,7 +86,7 @@ def test_it_is_cached_saved_and_drawn_like_any_other(grid, tmp_path):
     assert figure.axes[1].get_ylabel() == "column of the cell [cells]"
 
 
-def test_its_settings_are_those_of_a_file(tmp_path):
+def test_settings_file_holds_user_estimator(tmp_path):
     locplan.save_config(FieldConfig(FromTheRight(slope=0.2)), tmp_path / "c.json")
     assert locplan.load_config(tmp_path / "c.json") == FieldConfig(FromTheRight(slope=0.2))
     (tmp_path / "c.json").write_text(json.dumps({"estimator": {"name": "from-the-right", "x": 1}}))

@@ -56,7 +56,7 @@ def test_order_of_separate_files_is_free():
         ("as_they_should_read", WIDE),
     ],
 )
-def test_inflation_is_that_of_nav2(name, expected):
+def test_inflation_is_read_as_in_nav2(name, expected):
     assert load(f"default_layers/{name}.yaml")[0].inflation == expected
 
 
@@ -71,7 +71,7 @@ def test_smac2d_has_no_motion_model():
     assert robot.kinematics == Kinematics(drive="omnidirectional")
 
 
-def test_drive_is_that_of_planner_in_use():
+def test_kinematics_follow_planner_in_use():
     name = "drive_of_smac/hybrid_default.yaml"
     robot, notes = load(name)
     assert robot.kinematics == Kinematics()

@@ -50,7 +50,7 @@ def plan(costs) -> Plan:
     return locplan.plan(costs, *ENDS)
 
 
-def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
+def test_repr_is_short_with_units(grid, field, costs, plan):
     front = locplan.pareto_front(costs, *ENDS, max_labels=200_000)
     drives = simulate(
         grid, {"a": Path([(2.0, 3.0), (4.0, 3.0)])}, robot=Robot(filter=Amcl()), drives=2
@@ -78,7 +78,7 @@ def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
     assert " m² rad" in repr(field)
 
 
-def test_settings_name_what_is_not_by_default():
+def test_repr_of_settings_omits_defaults():
     assert repr(locplan.Sad()) == "Sad()"
     lidar = locplan.Lidar(range=8.0)
     assert repr(locplan.Scan(lidar, max_beams=90)) == "Scan(lidar=Lidar(range=8.0), max_beams=90)"
@@ -86,7 +86,7 @@ def test_settings_name_what_is_not_by_default():
     assert repr(Amcl(alpha1=0.1)) == "Amcl(alpha1=0.1)"
 
 
-def test_a_plan_without_a_path_says_why(grid):
+def test_unreachable_plan_repr_gives_reason(grid):
     walled = ascii_map("..#..", resolution=1.0)
     found = locplan.plan(Costmap.blank(walled), (0.5, 0.5), (4.5, 0.5))
     assert repr(found).startswith("Plan(unreachable, any-angle, 0.5,0.5 to 4.5,0.5: no path joins")
@@ -105,7 +105,7 @@ def test_notebooks_show_pictures(grid, field, costs, plan):
         assert len(np.unique(np.asarray(image.convert("L")))) > 2
 
 
-def test_a_path_is_a_list_of_positions_and_an_array(plan, tmp_path):
+def test_path_converts_to_list_and_array(plan, tmp_path):
     path = plan.path
     assert len(path) == len(path.xy) == len(list(path))
     assert next(iter(path)) == ENDS[0]
@@ -114,7 +114,7 @@ def test_a_path_is_a_list_of_positions_and_an_array(plan, tmp_path):
 
 
 @pytest.mark.parametrize("heading", [None, np.array([0.1, -3.0, 2.0])])
-def test_a_path_comes_back_from_its_file(tmp_path, heading):
+def test_loaded_path_equals_saved_path(tmp_path, heading):
     path = Path(np.array([[0.25, 1.0], [2.0, -3.5], [4.0, 4.125]]), heading)
     path.save(tmp_path / "p.csv")
     again = Path.load(tmp_path / "p.csv")
@@ -126,7 +126,7 @@ def test_a_path_comes_back_from_its_file(tmp_path, heading):
         Path.load(tmp_path / "none.csv")
 
 
-def test_equal_maps_are_equal_whatever_their_names(grid):
+def test_map_equality_ignores_names(grid):
     same = locplan.OccupancyGrid(grid.cells.copy(), grid.resolution, grid.origin, "other")
     assert same == grid
     assert len({same, grid}) == 1
@@ -142,7 +142,7 @@ def test_cell_rejects_other_than_positions(grid):
             grid.cell(wrong)
 
 
-def test_a_field_is_a_dataset_of_xarray(grid, field):
+def test_field_converts_to_xarray_dataset(grid, field):
     data = field.to_xarray()
     np.testing.assert_array_equal(data["e"], field.e)
     i, j = np.argwhere(field.is_evaluated)[40]
@@ -215,7 +215,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("recipe", RECIPES, ids=lambda recipe: recipe.__name__)
-def test_recipes_name_each_argument_that_cannot_be(grid, recipe):
+def test_recipes_name_invalid_arguments(grid, recipe):
     poses = [(2.0 + n / 4, 3.0, 0.0) for n in range(40)]
     lidar, path = locplan.Lidar(range=5.0, field_of_view_deg=180.0, beams=5), Path([(2, 3), (4, 3)])
     drive = Recording(np.full((40, 5), 1.0), lidar, poses, odometry=poses)

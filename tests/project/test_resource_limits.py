@@ -74,13 +74,13 @@ CALLS = [
 
 
 @pytest.mark.parametrize(("call", "message"), CALLS, ids=[message for _, message in CALLS])
-def test_what_the_machine_cannot_bear_is_refused_before_work(call, message, no_work, small_machine):
+def test_calls_refuse_work_beyond_machine_limits(call, message, no_work, small_machine):
     with pytest.raises(LocplanError, match=message) as fault:
         call()
     assert "\n" not in str(fault.value)
 
 
-def test_a_search_window_that_does_not_fit_into_memory_is_refused(no_work, small_machine):
+def test_field_refuses_window_beyond_memory(no_work, small_machine):
     wide = SearchWindow(half_width=200.0, step=0.2, half_rotation_deg=180, rotation_step_deg=0.2)
     for estimator in (Sad(window=wide), Scan(Lidar(), window=wide)):
         fine = ascii_map("....", "....", resolution=0.1)
@@ -88,13 +88,13 @@ def test_a_search_window_that_does_not_fit_into_memory_is_refused(no_work, small
             covariance_field(fine, estimator)
 
 
-def test_a_field_that_does_not_fit_into_memory_is_refused(no_work, small_machine):
+def test_field_refuses_grid_beyond_memory(no_work, small_machine):
     large = locplan.OccupancyGrid(np.full((4000, 4000), 254, np.uint8), 0.1)
     with pytest.raises(ConfigError, match=r"the values of the field take .* set a larger stride"):
         covariance_field(large, FieldConfig(Sad(), stride=0.1))
 
 
-def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
+def test_simulation_refuses_drives_beyond_memory(no_work, monkeypatch):
     simulator, path = Simulator(GRID), Path(np.array([[1.5, 2.5], [8.5, 2.5]]))
     monkeypatch.setattr(checks, "get_usable_memory", lambda: 10**6)
     with pytest.raises(ConfigError, match=r"1000000 drives of 1 paths take .* drive fewer"):
@@ -126,7 +126,7 @@ def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
         ("compare MAP -o out --seed -1", "--seed"),
     ],
 )
-def test_commands_refuse_what_is_out_of_bounds_before_work(
+def test_commands_refuse_values_out_of_bounds(
     run, room, command, message, no_work, monkeypatch, tmp_path
 ):
     monkeypatch.chdir(tmp_path)
@@ -145,22 +145,21 @@ def test_commands_refuse_what_is_out_of_bounds_before_work(
         (("plan", "MAP", "--start", "", "--goal", "1,1"), "--start is empty"),
     ],
 )
-def test_an_empty_argument_is_an_error_and_not_the_folder_here(
-    run, room, arguments, named, monkeypatch
-):
+def test_empty_argument_is_refused(run, room, arguments, named, monkeypatch):
+    """An empty path would mean the current folder."""
     monkeypatch.chdir(room.parent)
     assert named in check_refusal(
         run(*[str(room) if each == "MAP" else each for each in arguments])
     )
 
 
-def test_brackets_and_long_words_are_refused_in_one_short_line(run, room):
+def test_errors_shorten_long_arguments(run, room):
     for word in ("[" * 5000, "x" * 5000, "{" * 5000, "a\nb"):
         for arguments in (("plan", word), ("field", room, "--field", word), (word,)):
             assert len(check_refusal(run(*arguments))) < 600
 
 
-def test_warnings_of_libraries_are_not_shown_but_logged(run, room, monkeypatch):
+def test_library_warnings_are_only_logged(run, room, monkeypatch):
     def noisy(*_, **__):
         np.float64(1e308) * 10
 
@@ -171,7 +170,7 @@ def test_warnings_of_libraries_are_not_shown_but_logged(run, room, monkeypatch):
     assert re.search("locplan.app.cli: RuntimeWarning: overflow", err)
 
 
-def test_a_lidar_in_a_wall_moves_to_the_nearest_free_cell_however_far_it_may():
+def test_lidar_in_wall_moves_within_reach():
     free = np.zeros((40, 50), bool)
     free[5, 7] = free[8, 4] = free[30, 45] = True
     rows, cols = np.array([5, 6, 39, 0]), np.array([7, 4, 49, 49])
@@ -181,7 +180,7 @@ def test_a_lidar_in_a_wall_moves_to_the_nearest_free_cell_however_far_it_may():
     assert [each.tolist() for each in far] == [[5, 8, 30, 30], [7, 4, 45, 45]]
 
 
-def test_a_full_disk_names_the_journal_of_a_comparison(tmp_path):
+def test_full_disk_error_names_journal(tmp_path):
     resource = pytest.importorskip("resource", reason="Windows has no limits of a process")
     run = PlannerRun(
         RunTask("room", "own", "query", 1.0, "grid", 0), "crashed", 1.0, 1.0, note="x" * 9999
@@ -200,13 +199,13 @@ def test_a_full_disk_names_the_journal_of_a_comparison(tmp_path):
         journal.add(run)
 
 
-def test_random_queries_have_a_seed_of_at_least_0():
+def test_random_queries_reject_negative_seed():
     costs = locplan.Costmap.blank(GRID)
     with pytest.raises(ConfigError, match="seed"):
         random_queries(costs, 2, -1, min_distance=1.0)
 
 
-def test_a_missing_extra_is_said_before_work(run, room, no_work, monkeypatch, tmp_path):
+def test_compare_names_missing_extra_before_work(run, room, no_work, monkeypatch, tmp_path):
     def mine(costs, start, goal):
         return None
 

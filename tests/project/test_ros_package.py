@@ -84,7 +84,7 @@ def events(watch, poses):
 # The watch
 
 
-def test_the_corridor_is_entered_and_left_once(corridors_npz):
+def test_watch_enters_and_leaves_corridor_once(corridors_npz):
     field = part("field_file").FieldFile.load(corridors_npz)
     watch = part("watch").Watch(field)
     along = [(float(x), 3.0) for x in np.arange(2.0, 38.0, 0.05)]
@@ -109,7 +109,7 @@ class Given:
         return self.u(x), np.array([[0.5, 0.49, 0.0], [0.49, 0.5, 0.0], [0.0, 0.0, 0.01]])
 
 
-def test_outside_the_map_there_is_no_value(corridors_npz):
+def test_watch_reports_pose_off_field(corridors_npz):
     field = part("field_file").FieldFile.load(corridors_npz)
     watch = part("watch").Watch(field, part("watch").Limits(patience=1))
     ((_, event),) = events(watch, [(2.0, 3.0), (-50.0, 3.0), (2000.0, 3.0), (math.nan, 0.0)])
@@ -141,7 +141,7 @@ def agrees(file, field, *headings):
     assert np.isfinite(field.at(positions, "covariance")).all()
 
 
-def test_values_are_those_of_the_library(corridors, corridors_npz):
+def test_field_file_values_equal_library(corridors, corridors_npz):
     agrees(corridors_npz, corridors)
 
 
@@ -152,7 +152,7 @@ def turned_room(yaw):
     return OccupancyGrid(cells, 0.1, (3.0, -2.0, yaw))
 
 
-def test_a_map_with_yaw_and_headings_gives_values_in_the_world(tmp_path):
+def test_turned_field_file_gives_world_values(tmp_path):
     lidar = Lidar(range=2.0, field_of_view_deg=180.0)
     config = FieldConfig(Scan(lidar), stride=0.2, headings=4)
     field = locplan.covariance_field(turned_room(0.7), config)
@@ -161,7 +161,7 @@ def test_a_map_with_yaw_and_headings_gives_values_in_the_world(tmp_path):
     agrees(file, field, 0.3, -2.0)
 
 
-def test_the_ellipse_turns_with_the_map(tmp_path):
+def test_ellipse_turns_with_map(tmp_path):
     """Along a wall the position is free; with the map's yaw the wall turns."""
     axes = []
     for yaw in (0.0, 0.7):
@@ -224,7 +224,7 @@ def check_fields(definitions, kind, content):
 
 
 @pytest.mark.parametrize("distro", DISTROS, ids=lambda store: store.value)
-def test_messages_have_the_fields_of_each_distribution(corridors_npz, distro):
+def test_messages_fit_all_ros_distributions(corridors_npz, distro):
     definitions = get_typestore(distro).fielddefs
     for kind, content in contents(part("field_file").FieldFile.load(corridors_npz)):
         check_fields(definitions, kind, content)
@@ -299,7 +299,7 @@ def imports_of(file):
             yield node.module
 
 
-def test_all_that_is_installed_is_there_and_all_that_is_there_is_installed(setup_arguments):
+def test_setup_installs_all_package_files(setup_arguments):
     installed = {file for _, files in setup_arguments["data_files"] for file in files}
     assert all((PACKAGE / file).is_file() for file in installed)
     there = {
@@ -317,7 +317,7 @@ def test_all_that_is_installed_is_there_and_all_that_is_there_is_installed(setup
     assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
-def test_the_code_is_python_3_10():
+def test_package_supports_python_3_10():
     """Humble has Python 3.10."""
     for file in PACKAGE.rglob("*.py"):
         ast.parse(file.read_text(), feature_version=(3, 10))
@@ -370,7 +370,7 @@ def all_of(node, key):
             yield from all_of(each, key)
 
 
-def test_the_view_has_classes_that_rviz_has_and_latched_topics():
+def test_rviz_classes_and_topics_are_valid():
     view = yaml.safe_load((PACKAGE / "rviz" / "localizability.rviz").read_text())
     manager = view["Visualization Manager"]
     classes = set(filter(None, all_of(manager, "Class")))
@@ -389,7 +389,7 @@ def test_the_view_has_classes_that_rviz_has_and_latched_topics():
     assert [display["Color Scheme"] for display in masks] == ["costmap"] * 2
 
 
-def test_the_view_shows_the_topics_that_are_exported_and_published(tmp_path):
+def test_rviz_view_shows_published_topics(tmp_path):
     costs = locplan.Costmap.from_density(turned_room(0.0), np.ones((30, 60)))
     nav2_keepout(tmp_path / "keepout", costs)
     servers = yaml.safe_load((tmp_path / "keepout" / "servers.yaml").read_text())
@@ -464,7 +464,7 @@ def folders(tmp_path):
     return tmp_path
 
 
-def test_the_launch_file_includes_each_folder(launched, folders):
+def test_launch_file_includes_export_folders(launched, folders):
     exports = f"{folders / 'mask'}, {folders / 'speed'}, "
     included = launched(exports=exports, rviz="false")
     assert [action.given[0] for action in included] == [
@@ -472,7 +472,7 @@ def test_the_launch_file_includes_each_folder(launched, folders):
     ]
 
 
-def test_what_is_included_starts_nodes_with_parameters_that_nav2_declares(folders):
+def test_exported_parameters_are_declared_by_nav2(folders):
     launch = ElementTree.parse(folders / "mask" / LAUNCH).getroot()
     parameters = yaml.safe_load((folders / "mask" / "servers.yaml").read_text())
     executables = {node.get("name"): node.get("exec") for node in launch}
@@ -482,7 +482,7 @@ def test_what_is_included_starts_nodes_with_parameters_that_nav2_declares(folder
         assert set(parameters[name]["ros__parameters"]) <= DECLARED[executable]
 
 
-def test_the_launch_file_starts_the_servers_the_node_and_rviz(launched, folders):
+def test_launch_file_starts_all_nodes(launched, folders):
     given = {"map": str(folders / "map.yaml"), "field": str(folders / "field.npz")}
     server, manager, watch, rviz = launched(**given, use_sim_time="true")
     assert (server.package, server.executable) == ("nav2_map_server", "map_server")
@@ -507,7 +507,7 @@ def test_by_default_only_rviz_is_started(launched):
 
 
 @pytest.mark.parametrize("name", ["exports", "map", "field"])
-def test_what_is_missing_is_named(launched, tmp_path, name):
+def test_launch_file_names_missing_folder(launched, tmp_path, name):
     with pytest.raises(FileNotFoundError, match=r"there is no .*gone"):
         launched(**{name: str(tmp_path / "gone")})
 
@@ -616,7 +616,7 @@ def node_module(monkeypatch, corridors_npz):
     return module
 
 
-def test_the_node_warns_once_and_publishes_each_pose(node_module, monkeypatch):
+def test_node_warns_once_and_publishes_poses(node_module, monkeypatch):
     node = node_module.WatchNode()
     ((period, look_up),) = node.timers_made
     assert period == 0.2
@@ -637,7 +637,7 @@ def test_the_node_warns_once_and_publishes_each_pose(node_module, monkeypatch):
     assert len(node.sent["/diagnostics"]) == 5
 
 
-def test_the_node_takes_poses_from_a_topic(node_module, corridors_npz, monkeypatch):
+def test_node_reads_poses_from_topic(node_module, corridors_npz, monkeypatch):
     monkeypatch.setattr(Parent, "given", {"field": corridors_npz, "pose_topic": "/amcl_pose"})
     node = node_module.WatchNode()
     assert not node.timers_made
@@ -652,7 +652,7 @@ def test_the_node_takes_poses_from_a_topic(node_module, corridors_npz, monkeypat
     assert [level for level, _ in node.log] == ["warning"]
 
 
-def test_the_parameters_of_the_file_are_those_of_the_node(node_module):
+def test_parameter_file_equals_node_defaults(node_module):
     content = yaml.safe_load((PACKAGE / "config" / "watch.yaml").read_text())
     parameters = content["localizability_watch"]["ros__parameters"]
     assert {"field": "", **parameters} == node_module.PARAMETERS
@@ -666,7 +666,7 @@ def test_the_parameters_of_the_file_are_those_of_the_node(node_module):
     [{"field": "gone.npz"}, {"rate": 0.0}, {"leave": 0.9}, {"enter": 1}],
     ids=lambda w: str(*w),
 )
-def test_a_wrong_parameter_ends_the_node_with_one_line(node_module, monkeypatch, capsys, wrong):
+def test_node_refuses_wrong_parameter(node_module, monkeypatch, capsys, wrong):
     node_module.main()
     assert node_module.calls == ["init", "spin", "shutdown"]
     monkeypatch.setattr(Parent, "given", Parent.given | wrong)

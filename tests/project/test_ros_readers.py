@@ -57,7 +57,7 @@ def test_scale(tmp_path: Path, stack: str, expected: list[int]) -> None:
     assert ros_readers.load(path, stack).data[0].tolist() == expected
 
 
-def test_scale_of_the_export_keeps_every_value(tmp_path: Path) -> None:
+def test_exported_scale_keeps_every_value(tmp_path: Path) -> None:
     values = np.arange(101)
     pixels = np.floor(255 * (1 - values / 100) + 0.5)
     path = write(tmp_path, pixels, "scale", free_thresh=0.0, occupied_thresh=1.0)

@@ -64,7 +64,7 @@ def test_site_is_searchable_and_complete(built_site):
 
 
 @pytest.mark.long
-def test_every_public_name_has_a_page(built_site, site, tmp_path):
+def test_every_public_name_has_page(built_site, site, tmp_path):
     sources = site.Site(tmp_path, tmp_path)
     modules = sources.modules
     assert {"locplan", "locplan.planning.ompl", "locplan.maps.environments"} <= modules.keys()
@@ -78,7 +78,7 @@ def test_every_public_name_has_a_page(built_site, site, tmp_path):
                 assert f'id="{home}"' in (built_site / "api" / f"{home}.html").read_text("utf-8")
 
 
-def test_links_of_a_built_site_are_checked(site, tmp_path):
+def test_site_reports_broken_links(site, tmp_path):
     (tmp_path / "a.html").write_text('<a href="b.html#x">1</a><a href="b.html#y">2</a>')
     (tmp_path / "b.html").write_text('<p id="x"></p><img src="c.png"><a href="https://d.e">3</a>')
     assert site.find_broken_links(tmp_path) == [
@@ -87,7 +87,7 @@ def test_links_of_a_built_site_are_checked(site, tmp_path):
     ]
 
 
-def test_links_between_files_become_links_between_pages(site, tmp_path):
+def test_file_links_become_page_links(site, tmp_path):
     sources = site.Site(tmp_path, tmp_path)
     sources.pages = {PROJECT / "README.md": "index", PROJECT / "locplan/maps": "api/locplan.maps"}
     text = "[a](../../README.md#x) [b](../../locplan/maps) `[c](d.md)` [e](https://f.g) [h](#i)"
@@ -99,7 +99,7 @@ def test_links_between_files_become_links_between_pages(site, tmp_path):
     assert (tmp_path / "sources/pictures/examples/choice.png").is_file()
 
 
-def test_site_replaces_only_a_site(site, tmp_path):
+def test_site_never_replaces_other_files(site, tmp_path):
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(SystemExit, match="holds other files"):
         site.Site(tmp_path, tmp_path).clear()
@@ -109,7 +109,7 @@ def test_site_replaces_only_a_site(site, tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == [".cache"]
 
 
-def test_results_are_made_again_only_after_changes(site, tmp_path, monkeypatch):
+def test_site_keeps_results_until_changes(site, tmp_path, monkeypatch):
     made = []
     sources = site.Site(tmp_path, tmp_path)
     for _ in range(2):
@@ -119,7 +119,7 @@ def test_results_are_made_again_only_after_changes(site, tmp_path, monkeypatch):
     assert len(made) == 2
 
 
-def test_source_page_shows_a_linked_program(site, tmp_path):
+def test_source_page_shows_linked_program(site, tmp_path):
     sources = site.Site(tmp_path, tmp_path)
     linked = sources.rewrite_links("[c](../compare.py)", EXAMPLES / "guides", "guides/start")
     assert linked == "[c](../source/examples/compare.py.md)"
@@ -128,7 +128,7 @@ def test_source_page_shows_a_linked_program(site, tmp_path):
     assert (EXAMPLES / "compare.py").read_text("utf-8") in page
 
 
-def test_signature_on_a_page_has_no_types(site):
+def test_page_signature_has_no_types(site):
     args = "(costs: Costmap, *, seed: int = 1, limits: Limits = <factory>) -> Plan"
     signature = site.remove_types(None, "function", "", None, None, args.partition(" ->")[0], "")
     assert signature == ("(costs, *, seed=1, limits=...)", "")
@@ -157,7 +157,7 @@ def test_help_becomes_tables(reference):
     assert "| `--c -d` | Text. |" in page
 
 
-def test_reference_has_the_files_of_all_results(reference):
+def test_reference_lists_files_of_results(reference):
     declared = [files for by_words in reference.RESULTS.values() for files in by_words.values()]
     only_in_python = {"faults", "path-check", "plan", "trajectory", "choices"}
     kinds = {

@@ -57,13 +57,13 @@ def figures_of(name: str):
 
 
 @pytest.mark.parametrize("name", NAMES, ids=ascii)
-def test_names_are_shown_as_they_are(name):
+def test_map_figure_shows_name_unchanged(name):
     shown = "".join(c if c.isprintable() else "\ufffd" for c in name)
     assert shown in texts_of(map_figure(named(name))).replace("?", "\ufffd")
 
 
 @pytest.mark.parametrize("name", sample_cases(NAMES[:3]), ids=ascii)
-def test_names_are_shown_as_they_are_in_every_picture(name):
+def test_pictures_show_names_unchanged(name):
     shown = "".join(c if c.isprintable() else "\ufffd" for c in name)
     for kind, figure in figures_of(name):
         texts = texts_of(figure)
@@ -83,13 +83,13 @@ def test_numbers_at_axes_stay_formulas():
     assert not axes.title.get_parse_math()
 
 
-def test_tables_show_markup_as_it_is():
+def test_tables_show_markup_unchanged():
     text = format_table(["[bold]map[/bold]", "n"], [["[red]a[/red]", "1"]])
     assert "[bold]map[/bold]" in text
     assert "[red]a[/red]" in text
 
 
-def test_tables_are_text_in_a_notebook_too(monkeypatch):
+def test_table_stays_text_in_notebook(monkeypatch):
     shown = []
     monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
     monkeypatch.setattr("rich.jupyter.display", lambda *parts: shown.append(parts))

@@ -40,7 +40,7 @@ def scan(**changes):
 
 
 @pytest.mark.parametrize("name", LIDARS)
-def test_presets_are_lidars_with_a_source(name):
+def test_lidar_preset_has_source_and_title(name):
     lidar = Lidar.preset(name)
     assert lidar.model == name
     assert LIDARS[name].source
@@ -48,13 +48,13 @@ def test_presets_are_lidars_with_a_source(name):
     assert lidar.title.startswith(f"{name}, {lidar.range:g} m")
 
 
-def test_robots_have_the_lidars_that_they_carry():
+def test_turtlebot_preset_equals_lidar_preset():
     assert Lidar.preset("turtlebot4") == Lidar.preset("rplidar-a1")
     assert Lidar.preset("turtlebot3") == Lidar.preset("lds-02")
 
 
 @pytest.mark.parametrize("of", [Sad().with_lidar, Scan, Fisher, Fused])
-def test_the_name_of_a_lidar_decides_nothing(of):
+def test_lidar_name_does_not_change_estimator(of):
     named = Lidar.preset("tim571")
     plain = dataclasses.replace(named, model="")
     assert of(named) == of(plain)
@@ -64,14 +64,14 @@ def test_the_name_of_a_lidar_decides_nothing(of):
 
 
 @pytest.mark.parametrize("of", [Sad().with_lidar, Scan, Fisher, Fused])
-def test_an_estimator_takes_another_lidar_and_keeps_its_settings(of):
+def test_estimator_keeps_settings_with_other_lidar(of):
     estimator = dataclasses.replace(of(Lidar(range=8.0)), noise_level=2.0)
     other = estimator.with_lidar(Lidar.preset("utm-30lx"))
     assert other == dataclasses.replace(of(Lidar.preset("utm-30lx")), noise_level=2.0)
     assert other.reach == 30.0
 
 
-def test_a_scan_tells_its_lidar():
+def test_lidar_is_read_from_scan():
     lidar = scan(mount=(0.2, -0.1, 0.3))
     assert (lidar.beams, lidar.range, lidar.min_range) == (1081, 30.0, 0.1)
     assert lidar.field_of_view_deg == pytest.approx(270.0)
@@ -80,7 +80,7 @@ def test_a_scan_tells_its_lidar():
     np.testing.assert_allclose(lidar.angles[[0, -1]], np.radians([-135, 135]), atol=1e-9)
 
 
-def test_the_middle_of_a_lopsided_scan_is_the_yaw_of_its_mount():
+def test_asymmetric_scan_sets_mount_yaw():
     lidar = scan(angle_min=0.0, angle_max=math.pi / 2)
     assert lidar.mount_yaw == pytest.approx(math.pi / 4)
     np.testing.assert_allclose(lidar.mount_yaw + lidar.angles[[0, -1]], [0, math.pi / 2], atol=1e-9)
@@ -88,7 +88,7 @@ def test_the_middle_of_a_lopsided_scan_is_the_yaw_of_its_mount():
 
 @pytest.mark.parametrize(("first", "last"), [(0.0, 6.28), (-math.pi, math.pi), (0.0, 6.2657)])
 @pytest.mark.parametrize(("resolution", "beams"), [("1", 360), ("0.299", 107)])
-def test_a_described_lidar_has_a_beam_for_every_sample(tmp_path, first, last, resolution, beams):
+def test_beams_equal_samples_times_resolution(tmp_path, first, last, resolution, beams):
     text = described(tmp_path, samples=360, first=first, last=last).read_text()
     text = text.replace("<resolution>1<", f"<resolution>{resolution}<")
     lidar = Lidar.from_file(described(tmp_path, text=text))
@@ -96,7 +96,8 @@ def test_a_described_lidar_has_a_beam_for_every_sample(tmp_path, first, last, re
     assert lidar.beams == beams
 
 
-def test_a_lidar_upside_down_has_as_many_beams():
+def test_clockwise_scan_gives_same_lidar():
+    """A lidar that is mounted upside down scans clockwise."""
     turned = scan(
         angle_min=math.radians(135),
         angle_max=-math.radians(135),
@@ -114,7 +115,7 @@ def test_a_lidar_upside_down_has_as_many_beams():
         (0.0, 359.95, 0.05, 7200),
     ],
 )
-def test_a_full_circle_is_seen_whether_or_not_its_ends_meet(first, last, increment, beams):
+def test_full_circle_counts_closing_beam_once(first, last, increment, beams):
     angles = (math.radians(value) for value in (first, last, increment))
     lidar = scan(**dict(zip(("angle_min", "angle_max", "angle_increment"), angles, strict=True)))
     assert lidar.sees_all_round
@@ -143,7 +144,7 @@ def test_impossible_scans_are_refused(changes, reason):
 
 
 @pytest.mark.parametrize("kind", ["ray", "gpu_ray", "lidar", "gpu_lidar"])
-def test_a_description_tells_its_lidar(tmp_path, kind):
+def test_lidar_is_read_from_description(tmp_path, kind):
     lidar = Lidar.from_file(described(tmp_path, kind=kind))
     assert (lidar.beams, lidar.range, lidar.min_range) == (271, 8.0, 0.12)
     assert lidar.field_of_view_deg == pytest.approx(270.0)
@@ -152,7 +153,7 @@ def test_a_description_tells_its_lidar(tmp_path, kind):
     assert lidar.model == "front"
 
 
-def test_a_lidar_upside_down_sees_the_other_side(tmp_path):
+def test_lidar_upside_down_mirrors_mount_yaw(tmp_path):
     text = described(tmp_path, first=-0.5, last=1.5).read_text()
     level = Lidar.from_file(described(tmp_path, text=text))
     turned = Lidar.from_file(
@@ -168,7 +169,7 @@ def test_a_lidar_upside_down_sees_the_other_side(tmp_path):
         Lidar.from_file(described(tmp_path, text=text.replace("0.3 0 0 0.5", "0.3 0 0.5 0.5")))
 
 
-def test_noise_that_is_not_gaussian_is_left_out(tmp_path):
+def test_description_ignores_non_gaussian_noise(tmp_path):
     text = described(tmp_path).read_text().replace("<type>gaussian", "<type>none")
     assert Lidar.from_file(described(tmp_path, text=text)).range_sigma == Lidar().range_sigma
 
@@ -194,12 +195,12 @@ def test_noise_that_is_not_gaussian_is_left_out(tmp_path):
         ({"last": "nan"}, "max_angle must be a number"),
     ],
 )
-def test_descriptions_without_a_useful_lidar_are_refused(tmp_path, changes, reason):
+def test_description_without_usable_lidar_is_refused(tmp_path, changes, reason):
     with pytest.raises(ConfigError, match=reason):
         Lidar.from_file(described(tmp_path, **changes))
 
 
-def test_several_lidars_in_a_file_are_named(tmp_path):
+def test_description_with_two_lidars_is_refused(tmp_path):
     one = described(tmp_path).read_text()
     two = one.replace("</robot>", "").replace("<?xml?>", "") + one[one.index("<gazebo") :]
     with pytest.raises(ConfigError, match=r"has 2 planar lidars .'front', 'front'."):
@@ -308,7 +309,7 @@ def test_lidar_rejects_impossible_mounts(tmp_path, text, fault):
         Lidar.from_file(described(tmp_path, text=text))
 
 
-def test_named_lidar_has_mount_of_scanner_link(tmp_path):
+def test_named_lidar_takes_scanner_link_mount(tmp_path):
     """A real robot's URDF has no sensor of Gazebo, but the link that carries the scanner."""
     bare = described(tmp_path, text=joints("laser_frame", sensor=""))
     with pytest.raises(ConfigError, match="has no planar lidar; name the robot's, such as lidar="):
@@ -323,7 +324,7 @@ def test_named_lidar_has_mount_of_scanner_link(tmp_path):
     assert Robot.load(with_sensor, lidar="tim571").lidar.mount_x == pytest.approx(-0.3)
 
 
-def test_named_lidar_warns_if_no_link_is_scanner(tmp_path):
+def test_named_lidar_warns_without_scanner_link(tmp_path):
     with pytest.warns(ParameterWarning, match="has no link named like a scanner"):
         Robot.load(described(tmp_path, text=joints("camera", sensor="")), lidar="tim571")
     two = joints("laser", sensor='<link name="rear_laser"/>')
@@ -338,7 +339,7 @@ def test_parameters_of_nav2_name_no_lidar(tmp_path):
         Lidar.from_file(tmp_path / "nav2.yaml")
 
 
-def test_amcl_only_limits_the_lidar():
+def test_amcl_narrows_but_never_extends_range():
     from support.maps import ascii_map
 
     grid, lidar = ascii_map("###", "#.#", "###"), Lidar(range=10.0, min_range=0.2)

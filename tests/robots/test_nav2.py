@@ -57,7 +57,7 @@ def amcl(folder, text, robot=""):
         ("/**/planner_server", set()),
     ],
 )
-def test_wildcards_stand_for_names_as_in_rclcpp(tmp_path, name, fits):
+def test_wildcards_match_names_as_in_rclcpp(tmp_path, name, fits):
     text = f"{name}: {{ros__parameters: {{alpha1: 0.5}}}}\n/**: {{ros__parameters: {{b: 1}}}}\n"
     found = set()
     for robot in ("/", "robot1", "fleet/robot1"):
@@ -69,7 +69,8 @@ def test_wildcards_stand_for_names_as_in_rclcpp(tmp_path, name, fits):
     assert found == fits
 
 
-def test_the_later_of_two_values_counts_whatever_its_name(tmp_path):
+def test_last_matching_entry_sets_value(tmp_path):
+    """A later wildcard wins over the node's name, as in ROS."""
     assert amcl(tmp_path, BESIDE + SHARED)["alpha1"] == 0.3
     assert amcl(tmp_path, SHARED + BESIDE)["alpha1"] == 0.1
     everywhere = SHARED.replace("/**", "/**/amcl")
@@ -87,7 +88,7 @@ def test_plugins_settings_are_parameters_with_dots(tmp_path):
     assert amcl(tmp_path, text) == {"a.b": 3, "a.c": 2}
 
 
-def test_what_is_for_all_nodes_is_read_by_amcl_too(tmp_path):
+def test_amcl_reads_parameters_of_all_nodes(tmp_path):
     file = written(tmp_path, BESIDE + SHARED)
     found = read_amcl(file)  # robot_radius, which others read, is no warning
     assert (found.alpha1, found.alpha2) == (0.3, 0.1)
@@ -99,7 +100,7 @@ def test_what_is_for_all_nodes_is_read_by_amcl_too(tmp_path):
         read_amcl(file)
 
 
-def test_the_only_robot_of_a_file_needs_no_name(tmp_path):
+def test_single_namespace_needs_no_robot_name(tmp_path):
     text = "robot1: {amcl: {ros__parameters: {alpha1: 0.5}}}\n"
     for namespaced in (text, text.replace("robot1", "<robot_namespace>"), "/**" + text[6:]):
         assert read_amcl(written(tmp_path, namespaced)).alpha1 == 0.5
@@ -119,7 +120,7 @@ def test_several_robots_are_chosen_by_name(tmp_path):
     assert read_amcl(f"{root}:/").alpha2 == 0.1
 
 
-def test_a_file_may_have_a_colon_in_its_name(tmp_path):
+def test_parameter_file_name_may_contain_colon(tmp_path):
     file = tmp_path / "nav2.yaml:robot1"
     file.write_text(BESIDE)
     assert read_amcl(file).alpha1 == 0.1
@@ -136,7 +137,7 @@ def test_a_file_may_have_a_colon_in_its_name(tmp_path):
         (BESIDE + BESIDE.replace("0.1", "0.2"), "", "    alpha1: 0.2\n", "    alpha1: 0.05\n"),
     ],
 )
-def test_the_value_in_force_is_changed(tmp_path, text, robot, line, new):
+def test_edit_changes_active_value(tmp_path, text, robot, line, new):
     file = written(tmp_path, text)
     made = edit_parameters(f"{file}{robot}", "amcl", {"alpha1": 0.05}).decode()
     assert made == text.replace(line, new)
@@ -144,7 +145,7 @@ def test_the_value_in_force_is_changed(tmp_path, text, robot, line, new):
     assert read_amcl(f"{file}{robot}").alpha1 == 0.05
 
 
-def test_missing_values_go_to_the_nodes_own_entry(tmp_path):
+def test_edit_adds_missing_value_to_node(tmp_path):
     file = written(tmp_path, FLEET)
     made = edit_parameters(f"{file}:robot1", "amcl", {"alpha3": 0.05}).decode()
     assert made == FLEET.replace("{alpha2: 0.1}", "{alpha3: 0.05, alpha2: 0.1}")
@@ -158,7 +159,7 @@ def test_missing_values_go_to_the_nodes_own_entry(tmp_path):
     assert made == "# mine\namcl: {ros__parameters: {alpha2: 0.05}}\n" + SHARED
 
 
-def test_masks_are_merged_into_the_robot_that_is_named(tmp_path):
+def test_export_merges_masks_into_named_robot(tmp_path):
     grid = OccupancyGrid(np.full((20, 30), FREE, np.uint8), 0.1)
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
     costs = Costmap.from_field(field, robot=0.15)

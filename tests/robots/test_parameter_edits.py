@@ -24,7 +24,7 @@ def edited(folder, text: str, values=VALUES, robot: str = "") -> str:
     return made.decode()
 
 
-def test_values_are_replaced_where_they_stand(tmp_path):
+def test_edit_replaces_values_in_place(tmp_path):
     text = """# my robot
 map_server:
   ros__parameters: {yaml_filename: "lab.yaml"}   # not this one
@@ -39,7 +39,7 @@ amcl:
     assert edited(tmp_path, text) == new.replace('field"', 'field_prob"')
 
 
-def test_missing_values_are_inserted_above_the_first(tmp_path):
+def test_edit_inserts_missing_values_at_top(tmp_path):
     text = "amcl:\n    ros__parameters:\n        # AMCL\n        alpha1: .2 # was\n"
     assert edited(tmp_path, text) == (
         "amcl:\n    ros__parameters:\n        # AMCL\n        max_beams: 120\n"
@@ -47,7 +47,7 @@ def test_missing_values_are_inserted_above_the_first(tmp_path):
     )
 
 
-def test_line_ends_and_the_mark_of_utf_8_stay(tmp_path):
+def test_edit_keeps_line_ends_and_bom(tmp_path):
     text = "\ufeffamcl:\r\n  ros__parameters:\r\n    alpha1: 0.2\r\n    z_hit: 0.5"
     made = edited(tmp_path, text)
     assert made.startswith("\ufeff")
@@ -80,7 +80,7 @@ def test_mappings_in_braces_are_changed(tmp_path, text, new):
     assert edited(tmp_path, text) == new
 
 
-def test_a_name_that_stands_twice_is_changed_where_it_counts(tmp_path):
+def test_edit_changes_last_of_duplicate_keys(tmp_path):
     text = "amcl: {ros__parameters: {alpha1: 0.1, alpha1: 0.3}}"
     assert "alpha1: 0.1, alpha1: 0.05" in edited(tmp_path, text)
 
@@ -92,7 +92,7 @@ def test_merged_values_are_overruled(tmp_path):
     assert "    alpha1: 0.05\n" in made
 
 
-def test_an_alias_gets_the_value_itself(tmp_path):
+def test_edit_replaces_alias_by_value(tmp_path):
     text = "amcl:\n  ros__parameters:\n    z_hit: &h 0.5\n    alpha1: *h\n"
     assert edited(tmp_path, text, {"alpha1": 0.05}) == text.replace("*h", "0.05")
 
@@ -106,7 +106,8 @@ def test_an_alias_gets_the_value_itself(tmp_path):
         "amcl:\n  ros__parameters:\n    alpha1: 0.2\n    laser_model_type: |\n      a\n    z: 1\n",
     ],
 )
-def test_what_cannot_be_changed_alone_is_refused(tmp_path, text):
+def test_edit_refuses_shared_or_multiline_values(tmp_path, text):
+    """The edit would change other lines as well."""
     (tmp_path / "params.yaml").write_text(text)
     with pytest.raises(LocplanError, match="anchors and aliases") as caught:
         edit_parameters(tmp_path / "params.yaml", "amcl", VALUES)
@@ -124,7 +125,7 @@ def test_what_cannot_be_changed_alone_is_refused(tmp_path, text):
         ("a", "a"),
     ],
 )
-def test_values_are_written_as_ros_reads_them(tmp_path, value, text):
+def test_edit_writes_values_ros_can_read(tmp_path, value, text):
     (tmp_path / "params.yaml").write_text("amcl:\n  ros__parameters:\n    alpha1: 0.2\n")
     made = edit_parameters(tmp_path / "params.yaml", "amcl", {"alpha1": value})
     assert made.decode().splitlines()[-1] == f"    alpha1: {text}"

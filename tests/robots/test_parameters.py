@@ -211,7 +211,7 @@ def test_container_without_map_inflates_no_walls(tmp_path):
 
 
 @pytest.mark.parametrize("slash", ["::", "/"])
-def test_drive_is_that_of_planner_in_use(tmp_path, slash):
+def test_kinematics_follow_planner_in_use(tmp_path, slash):
     car = Kinematics(drive="car-like", turning_radius=0.9, reverse=False)
     hybrid = HYBRID % slash
     (file,) = written(tmp_path, PLANNERS % f"planner_plugins: [Mine], Mine: {hybrid}")
@@ -266,7 +266,7 @@ def test_lattice_file_has_motion_model(tmp_path, path, drive):
 @pytest.mark.parametrize(
     ("model", "said"), [("beam", "beam model is not simulated"), ("x", "no laser_model_type 'x'")]
 )
-def test_other_laser_model_is_read_as_likelihood_field(tmp_path, model, said):
+def test_unsupported_laser_model_becomes_likelihood_field(tmp_path, model, said):
     (file,) = written(tmp_path, f"amcl: {{ros__parameters: {{laser_model_type: {model}}}}}\n")
     robot, (note,) = load(file)
     assert robot.filter == Amcl()

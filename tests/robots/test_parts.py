@@ -18,7 +18,7 @@ def test_radii():
     assert outline.inscribed_radius == pytest.approx(0.35)
 
 
-def test_order_and_inner_corners_do_not_matter():
+def test_footprint_ignores_order_and_inner_corners():
     turned = Footprint([*LONG[::-1], (0.1, 0.1)])
     assert turned.inscribed_radius == pytest.approx(0.35)
     assert len(turned.vertices) == 4
@@ -40,7 +40,7 @@ def test_corners_may_come_in_any_order():
         [[np.nan, 0]] * 3,
     ],
 )
-def test_outlines_that_are_none_are_refused(vertices):
+def test_invalid_footprint_is_refused(vertices):
     with pytest.raises(ConfigError, match="footprint"):
         Footprint(vertices)
 
@@ -97,7 +97,8 @@ def door(width: int) -> OccupancyGrid:
 
 
 @pytest.mark.parametrize("planner", ["grid", "any-angle"])
-def test_a_long_robot_passes_a_door_that_its_circle_does_not(planner):
+def test_long_robot_passes_narrow_door(planner):
+    """The robot's outer circle does not fit through the door."""
     grid = door(10)
     costs = Costmap.blank(grid, robot=0.0)
     ends = (2.0, 4.05), (10.0, 4.05)
@@ -108,7 +109,7 @@ def test_a_long_robot_passes_a_door_that_its_circle_does_not(planner):
     assert Footprint(LONG).find_first_collision(grid, result.path) is None
 
 
-def test_a_door_too_narrow_is_told():
+def test_plan_reports_door_narrower_than_robot():
     result = plan(Costmap.blank(door(6), robot=0.0), (2.0, 4.05), (10.0, 4.05), footprint=LONG)
     assert result.status == "infeasible"
     assert "footprint" in result.note
@@ -122,7 +123,7 @@ def corridor_of(width: int) -> OccupancyGrid:
     return ascii_map("#" * 30, *["." * 30] * width, "#" * 30, resolution=0.1)
 
 
-def test_the_lattice_finds_a_way_on_which_neither_circle_is_clear():
+def test_lattice_finds_path_missed_by_circles():
     grid, start, goal = door(8), (5.3, 6.0), (6.8, 6.0)
     result = plan(Costmap.blank(grid, robot=0.0), start, goal, footprint=BOX)
     assert result.status == "solved"
@@ -130,7 +131,7 @@ def test_the_lattice_finds_a_way_on_which_neither_circle_is_clear():
     assert Footprint(BOX).find_first_collision(grid, result.path) is None
 
 
-def test_time_that_is_up_for_the_outline_is_told_with_the_bound():
+def test_timeout_reports_lower_bound_of_lattice():
     cells = np.pad(door(8).cells, ((0, 600), (150, 150)), mode="edge")
     costs = Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0)
     limits = {"from_grid": True, "time_limit": 1e-3, "footprint": BOX}
@@ -139,7 +140,7 @@ def test_time_that_is_up_for_the_outline_is_told_with_the_bound():
     assert "every path of the lattice costs at least" in result.note
 
 
-def test_what_is_only_not_found_is_not_called_infeasible():
+def test_failed_search_is_not_called_infeasible():
     grid, way = corridor_of(6), [(0.7, 0.4), (2.3, 0.4)]
     assert Footprint(BOX).find_first_collision(grid, Path(way)) is None
     result = plan(Costmap.blank(grid, robot=0.0), way[0], way[-1], footprint=BOX)
@@ -149,7 +150,7 @@ def test_what_is_only_not_found_is_not_called_infeasible():
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.3])
-def test_a_way_that_fits_exactly_is_not_called_unreachable(radius):
+def test_exact_fit_is_not_called_unreachable(radius):
     """No cell has its centre where the robot's must be: the grid proves nothing."""
     cells = np.full((26, 40), FREE)
     cells[:10, 12:28] = cells[16:, 12:28] = OCCUPIED
@@ -159,7 +160,8 @@ def test_a_way_that_fits_exactly_is_not_called_unreachable(radius):
     assert result.status == "not found"
 
 
-def test_what_is_closed_and_a_wider_radius_than_the_outlines_stay():
+def test_footprint_never_opens_blocked_cells():
+    """The costmap's radius counts even if it is wider than the footprint."""
     ends = (2.0, 4.05), (10.0, 4.05)
     wide = Costmap.blank(door(8), robot=0.5)
     closed = Costmap.blank(door(20), robot=0.0)
@@ -168,7 +170,7 @@ def test_what_is_closed_and_a_wider_radius_than_the_outlines_stay():
         assert plan(costs, *ends, footprint=BOX).status == "unreachable"
 
 
-def test_a_way_that_the_inner_circle_cannot_pass_is_infeasible():
+def test_corridor_narrower_than_footprint_is_infeasible():
     costs = Costmap.blank(corridor_of(4), robot=0.0)
     result = plan(costs, (0.7, 0.3), (2.3, 0.3), footprint=BOX)
     assert result.status == "infeasible"
@@ -177,7 +179,7 @@ def test_a_way_that_the_inner_circle_cannot_pass_is_infeasible():
     assert plan(walled, (2.0, 4.05), (10.0, 4.05), footprint=BOX).status == "unreachable"
 
 
-def test_no_way_that_is_known_is_called_infeasible():
+def test_drivable_path_is_never_called_infeasible():
     ways = 0
     for seed in range(200):
         rng = np.random.default_rng(seed)
@@ -192,12 +194,12 @@ def test_no_way_that_is_known_is_called_infeasible():
     assert ways > 10
 
 
-def test_a_wide_room_needs_no_second_search():
+def test_plan_solves_wide_room_for_footprint():
     grid = ascii_map(*["." * 60] * 60, resolution=0.1)
     result = plan(Costmap.blank(grid, robot=0.0), (2.0, 2.0), (4.0, 3.0), footprint=LONG)
     assert result.status == "solved"
 
 
-def test_a_radius_cannot_shrink():
+def test_costmap_refuses_smaller_robot():
     with pytest.raises(ConfigError, match="cannot serve"):
         Costmap.blank(door(10), robot=0.5).with_robot(0.3)

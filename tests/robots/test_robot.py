@@ -54,7 +54,7 @@ def from_nav2(folder, text: str) -> Robot:
 # The robot and its settings
 
 
-def test_the_planning_radius_is_that_of_the_inner_circle_and_the_margin():
+def test_radius_is_inscribed_radius_plus_margin():
     assert FULL.radius == pytest.approx(0.3 + 0.1)
     assert FULL.outline is FULL.footprint
     assert Robot(footprint=0.3, margin=0.02).radius == pytest.approx(0.32)
@@ -62,7 +62,7 @@ def test_the_planning_radius_is_that_of_the_inner_circle_and_the_margin():
     assert Robot().outline is None
 
 
-def test_a_lidar_may_be_given_by_its_name():
+def test_robot_accepts_lidar_name():
     assert (
         Robot("turtlebot4").lidar
         == Robot().with_settings(dataclasses.asdict(Lidar.preset("turtlebot4"))).lidar
@@ -71,7 +71,7 @@ def test_a_lidar_may_be_given_by_its_name():
         _ = Robot().known_lidar
 
 
-def test_the_title_names_the_lidar_the_size_and_what_differs():
+def test_title_names_lidar_and_changed_settings():
     assert FULL.title == (
         "on, 8 m, 360°; 4 corners, margin 0.1 m; AMCL's alpha1 0.05, laser_model_type"
         " likelihood_field_prob, half_cell false, turn_bias 0.1, worlds 3"
@@ -110,7 +110,7 @@ def test_parts_of_other_kinds_are_refused(part, said):
         ({"speed": 0.0}, "speed must be positive"),
     ],
 )
-def test_robots_that_cannot_drive_so_are_refused(drive, said):
+def test_kinematics_reject_impossible_values(drive, said):
     with pytest.raises(ConfigError, match=said):
         Kinematics(**drive)
 
@@ -131,19 +131,19 @@ def another(name: str, value: object) -> object:
     return value + 1 if isinstance(value, int) else 0.9 * value + 0.007
 
 
-def test_each_setting_has_one_name():
+def test_setting_names_are_unique():
     names = [each.name for part in PARTS for each in dataclasses.fields(getattr(FULL, part))]
     assert len(names) == len(set(names)) == len(settings(FULL)) - 3
 
 
-def test_a_lidars_name_is_no_setting():
+def test_lidar_name_does_not_change_robot():
     other = FULL.with_settings({"model": "another"})
     assert other == FULL
     assert other.digest == FULL.digest
     assert other.title != FULL.title
 
 
-def test_each_setting_changes_the_digest_and_nothing_else():
+def test_setting_changes_digest_and_nothing_else():
     digests, before = {FULL.digest}, settings(FULL)
     for name, value in before.items():
         new = 0.4 if name == "footprint" else another(name, value)
@@ -158,14 +158,14 @@ def test_each_setting_changes_the_digest_and_nothing_else():
     assert Robot().digest == Robot(filter=Amcl()).digest
 
 
-def test_an_outline_may_be_given_by_its_corners():
+def test_robot_accepts_corners_as_footprint():
     changed = Robot().with_settings({"footprint": [list(corner) for corner in CORNERS]})
     assert changed == Robot(footprint=Footprint(CORNERS))
     assert changed.digest == Robot(footprint=Footprint(CORNERS)).digest
     assert changed != Robot(footprint=Footprint([(0.6, 0.3), *CORNERS[1:]]))
 
 
-def test_settings_of_a_part_that_is_not_known_make_one():
+def test_settings_create_missing_robot_parts():
     assert Robot().with_settings({"range": 8}).lidar == Lidar(range=8.0)
     assert Robot().with_settings({"inflation_radius": 0.3}).inflation == Inflation(
         inflation_radius=0.3
@@ -191,7 +191,7 @@ def test_settings_of_a_part_that_is_not_known_make_one():
         ({"drive": "car-like"}, "turning_radius must be above 0"),
     ],
 )
-def test_changes_that_cannot_be_are_refused(changes, said):
+def test_robot_rejects_wrong_settings(changes, said):
     with pytest.raises(ConfigError, match=said):
         Robot().with_settings(changes)
 
@@ -200,7 +200,7 @@ def test_changes_that_cannot_be_are_refused(changes, said):
 
 
 @pytest.mark.parametrize("robot", [Robot(), Robot("turtlebot4"), FULL], ids=["", "named", "full"])
-def test_a_saved_robot_is_loaded_as_it_was(tmp_path, robot):
+def test_loaded_robot_equals_saved_robot(tmp_path, robot):
     file = tmp_path / "robot.yaml"
     file.write_text("old")
     robot.save(file)
@@ -211,12 +211,12 @@ def test_a_saved_robot_is_loaded_as_it_was(tmp_path, robot):
     assert Robot.from_summary(robot.summary()) == robot
 
 
-def test_a_robot_is_saved_as_yaml_alone(tmp_path):
+def test_robot_is_saved_only_as_yaml(tmp_path):
     with pytest.raises(LocplanError, match=r"must end in \.yaml"):
         Robot().save(tmp_path / "robot.json")
 
 
-def test_later_files_replace_what_earlier_ones_say(tmp_path):
+def test_later_robot_file_overrides_earlier_file(tmp_path):
     saved = tmp_path / "saved.yaml"
     FULL.save(saved)
     urdf = written(tmp_path, URDF, "robot.urdf")
@@ -233,7 +233,7 @@ def test_later_files_replace_what_earlier_ones_say(tmp_path):
     assert Robot.load() == Robot()
 
 
-def test_a_description_has_the_lidar(tmp_path):
+def test_robot_takes_lidar_from_description(tmp_path):
     robot = Robot.load(written(tmp_path, URDF, "robot.URDF"))
     assert (robot.lidar.range, robot.lidar.beams, robot.lidar.mount_x) == (25.0, 271, 0.2)
     assert robot == Robot(robot.lidar)
@@ -254,7 +254,7 @@ def test_a_description_has_the_lidar(tmp_path):
         ("robot: 3", "has no parameters of Nav2's nodes; give Nav2's .* or a robot's file"),
     ],
 )
-def test_files_of_no_robot_are_one_clear_line(tmp_path, text, said):
+def test_robot_file_errors_are_one_line(tmp_path, text, said):
     with pytest.raises(LocplanError, match=f"robot.yaml: {said}") as fault:
         Robot.load(written(tmp_path, text))
     assert "\n" not in str(fault.value)
@@ -263,7 +263,7 @@ def test_files_of_no_robot_are_one_clear_line(tmp_path, text, said):
 # Parameters of Nav2
 
 
-def test_the_example_is_a_robot_with_the_defaults_of_nav2():
+def test_example_robot_has_nav2_defaults():
     robot = Robot.load(EXAMPLE, lidar="turtlebot4")
     assert robot == Robot(
         "turtlebot4",
@@ -277,7 +277,7 @@ def test_the_example_is_a_robot_with_the_defaults_of_nav2():
 GLOBAL = "global_costmap: {global_costmap: {ros__parameters: {%s}}}"
 
 
-def test_inflation_is_that_of_the_costmaps_layer(tmp_path):
+def test_inflation_is_read_from_costmap_layer(tmp_path):
     kind = "plugin: 'nav2_costmap_2d::InflationLayer'"
     layer = f"blown: {{{kind}, cost_scaling_factor: 2.0}}"
     walls = "walls: {plugin: 'nav2_costmap_2d::StaticLayer'}"
@@ -297,7 +297,7 @@ def test_inflation_is_that_of_the_costmaps_layer(tmp_path):
         ("motion_model_for_search: REEDS_SHEPP", (0.4, True)),
     ],
 )
-def test_a_planners_motion_model_is_the_robots(tmp_path, planner, expected):
+def test_kinematics_follow_planner_motion_model(tmp_path, planner, expected):
     plugin = "plugin: 'nav2_smac_planner::SmacPlannerHybrid'"
     planners = f"planner_plugins: [a], a: {{{plugin}, {planner}}}"
     text = f"planner_server: {{ros__parameters: {{{planners}}}}}"
@@ -306,7 +306,7 @@ def test_a_planners_motion_model_is_the_robots(tmp_path, planner, expected):
     assert (kinematics.turning_radius, kinematics.reverse) == expected
 
 
-def test_a_turning_radius_that_cannot_be_is_refused(tmp_path):
+def test_zero_turning_radius_is_refused(tmp_path):
     own = "a: {plugin: nav2_smac_planner/SmacPlannerHybrid, minimum_turning_radius: 0.0}"
     text = f"planner_server: {{ros__parameters: {{planner_plugins: [a], {own}}}}}"
     with pytest.raises(
@@ -316,7 +316,7 @@ def test_a_turning_radius_that_cannot_be_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("model", [OMNIDIRECTIONAL, "omnidirectional"])
-def test_a_filter_that_moves_sideways_is_that_of_a_robot_that_does(tmp_path, model):
+def test_omnidirectional_filter_makes_robot_omnidirectional(tmp_path, model):
     robot = from_nav2(tmp_path, f'amcl: {{ros__parameters: {{robot_model_type: "{model}"}}}}')
     assert robot == Robot(
         kinematics=Kinematics(drive="omnidirectional"),
@@ -324,7 +324,7 @@ def test_a_filter_that_moves_sideways_is_that_of_a_robot_that_does(tmp_path, mod
     )
 
 
-def test_what_is_not_simulated_is_warned_of(tmp_path):
+def test_robot_warns_about_unsimulated_parameters(tmp_path):
     own = "robot_model_type: 'my::Legs', do_beamskip: true, beam_count: 3"
     own += ", laser_model_type: likelihood_field_prob, recovery_alpha_slow: 0.001"
     said = r"nav2\.yaml: not simulated: do_beamskip, robot_model_type, beam_count$"
@@ -333,7 +333,7 @@ def test_what_is_not_simulated_is_warned_of(tmp_path):
     assert robot.filter == Amcl(laser_model_type="likelihood_field_prob", recovery_alpha_slow=0.001)
 
 
-def test_one_of_several_robots_is_loaded_by_its_name(tmp_path):
+def test_robot_is_loaded_by_namespace(tmp_path):
     amcl = "amcl: {ros__parameters: {alpha1: %s}}"
     file = written(tmp_path, f"one: {{{amcl % 0.1}}}\ntwo: {{{amcl % 0.3}}}")
     assert Robot.load(f"{file}:two").filter.alpha1 == 0.3

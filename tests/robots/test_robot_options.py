@@ -26,7 +26,7 @@ def read(folder, text):
     return Robot.load(folder / "nav2.yaml")
 
 
-def test_the_footprint_counts_before_the_radius_as_in_nav2(tmp_path):
+def test_footprint_overrides_radius_as_in_nav2(tmp_path):
     robot = read(tmp_path, costmap("global", robot_radius=0.2, footprint=OUTLINE))
     assert robot.radius == pytest.approx(0.31)  # Nav2 pads it by 1 cm
     assert robot.outline.circumscribed_radius == pytest.approx(math.hypot(0.5, 0.3))
@@ -35,7 +35,7 @@ def test_the_footprint_counts_before_the_radius_as_in_nav2(tmp_path):
         assert (robot.radius, robot.outline) == (pytest.approx(0.21), None)
 
 
-def test_the_global_costmap_counts_before_the_local_one(tmp_path):
+def test_global_costmap_overrides_local_costmap(tmp_path):
     local = costmap("local", footprint=OUTLINE, footprint_padding=0.0)
     both = local + costmap("global", robot_radius=0.4, footprint_padding=0.1)
     assert read(tmp_path, both).radius == pytest.approx(0.5)
@@ -55,7 +55,7 @@ def test_the_global_costmap_counts_before_the_local_one(tmp_path):
         ({"footprint": '"[[1, 1], [1, nan], [-1, 0]]"'}, "finite"),
     ],
 )
-def test_what_is_no_size_is_refused(tmp_path, own, fault):
+def test_wrong_robot_size_is_refused(tmp_path, own, fault):
     with pytest.raises(ConfigError, match=f"nav2.yaml: global_costmap: .*{fault}"):
         read(tmp_path, costmap("global", **own))
 
@@ -95,9 +95,7 @@ SAID = "locplan: robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's
         ),
     ],
 )
-def test_every_command_takes_the_size_of_the_robot(
-    run, hall, monkeypatch, command, options, stopped_by
-):
+def test_commands_use_robot_size(run, hall, monkeypatch, command, options, stopped_by):
     radii = []
 
     def stop(*arguments, **named):
@@ -119,7 +117,7 @@ def test_every_command_takes_the_size_of_the_robot(
         assert (SAID in err) == (command != "export" and not own)
 
 
-def test_plan_keeps_the_outline_of_the_robot(run, hall):
+def test_plan_keeps_footprint_off_walls(run, hall):
     (hall / "nav2.yaml").write_text(costmap("global", footprint=OUTLINE))
     asked = "plan", hall / "m.yaml", *ENDS, "--robot", hall / "nav2.yaml", "--json"
     code, out, err = run(*asked)
@@ -155,7 +153,7 @@ def test_later_files_and_options_win(run, hall):
     assert read("--robot", own, *options) == changed
 
 
-def test_a_robots_file_is_not_written_over(run, hall):
+def test_export_never_overwrites_robot_file(run, hall):
     before = (hall / "nav2.yaml").read_text()
     ends = "--path", hall / "p.csv", "--to", "path"
     (hall / "p.csv").write_text("x,y\n0.75,0.75\n7.5,0.75\n")
@@ -175,7 +173,7 @@ def test_a_robots_file_is_not_written_over(run, hall):
         (("--lidar", "tim571"), "--lidar has no effect with --recording, which sets the lidar"),
     ],
 )
-def test_a_recorded_drive_has_its_own_lidar_and_noise(run, hall, given, said):
+def test_recording_refuses_lidar_and_noise_options(run, hall, given, said):
     poses = np.linspace((1.0, 1.0, 0.0), (2.0, 1.0, 0.0), 5)
     lidar = Lidar(range=10.0, beams=8)
     Recording(np.full((5, 8), 1.0), lidar, poses).save(hall / "d.npz")
@@ -186,7 +184,7 @@ def test_a_recorded_drive_has_its_own_lidar_and_noise(run, hall, given, said):
         assert said in err
 
 
-def test_a_robot_that_is_replayed_has_the_recorded_lidar(run, hall):
+def test_replay_uses_lidar_of_recording(run, hall):
     robot = Robot(Lidar(range=10.0, beams=30, model="own"))
     path = Path([(1.0, 0.75), (7.0, 0.75)])
     record_drive(load_map(hall / "m.yaml"), path, robot).save(hall / "d.npz")
