@@ -268,21 +268,21 @@ with ResultOutput(Path("out"), "plan").writing() as new:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no SIGKILL")
-@pytest.mark.parametrize("there", sample_cases([True, False]))
-def test_next_run_completes_or_undoes_moves(tmp_path, there):
-    """One process is killed before its first step, the next one before its second step, ..."""
-    old = {"a": "1", "b": "1", "c": "1"} if there else {}
+@pytest.mark.parametrize("has_results", sample_cases([True, False]))
+def test_next_run_completes_or_undoes_moves(tmp_path, has_results):
+    """Each process is killed one step later than the process before it."""
+    old = {"a": "1", "b": "1", "c": "1"} if has_results else {}
     new, seen = {"a": "2", "b": "2", "d": "2"}, []
     for moves in range(20):
         home = tmp_path / str(moves)
         home.mkdir()
-        if there:
+        if has_results:
             write(home / "out", old)
         code = KILLED.format(path=[entry for entry in sys.path if entry], moves=moves)
-        ended = subprocess.run([sys.executable, "-c", code], cwd=home).returncode
-        if not ended:
+        exit_code = subprocess.run([sys.executable, "-c", code], cwd=home).returncode
+        if not exit_code:
             break
-        assert ended == -signal.SIGKILL
+        assert exit_code == -signal.SIGKILL
         write(home / "out", {"mine": "1"}, adds=True)
         after = content(home / "out")
         assert after.pop("mine") == "1"

@@ -50,12 +50,12 @@ def seen_field():
     return small_field(locplan.Fisher(lidar), headings=4)
 
 
-def again(made, folder):
-    """What is read of the file, or the folder, that something is saved in."""
+def save_and_load(value, folder):
+    """Save a value to a file or a folder, and return the loaded value."""
     suffix = {"Path": ".csv", "Robot": ".yaml", "CovarianceField": ".npz", "Costmap": ".npz"}
-    target = folder / f"it{suffix.get(type(made).__name__, '')}"
-    made.save(target)
-    return type(made).load(target)
+    target = folder / f"it{suffix.get(type(value).__name__, '')}"
+    value.save(target)
+    return type(value).load(target)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -64,9 +64,16 @@ def test_loaded_path_equals_saved_path(tmp_path, seed):
     count = int(rng.integers(1, 9))
     xy = rng.uniform(-1, 1, (count, 2)) * 10.0 ** rng.integers(-9, 9, (count, 2))
     path = Path(xy, rng.uniform(-1e6, 1e6, count) if seed % 2 else None)
-    found = again(path, tmp_path)
+    found = save_and_load(path, tmp_path)
     assert found == path
     assert hash(found) == hash(path)
+
+
+def test_path_file_must_be_existing_csv(tmp_path):
+    with pytest.raises(LocplanError, match=r"must end in \.csv"):
+        Path([(0.0, 0.0), (1.0, 0.0)]).save(tmp_path / "path.json")
+    with pytest.raises(LocplanError, match="there is no such file"):
+        Path.load(tmp_path / "none.csv")
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -78,7 +85,7 @@ def test_loaded_robot_equals_saved_robot(tmp_path, seed):
     robot = robot.with_settings(
         {"alpha1": rng.uniform(0, 1), "boundary_noise": rng.uniform(0, 0.5)}
     )
-    assert again(robot, tmp_path) == robot
+    assert save_and_load(robot, tmp_path) == robot
 
 
 @pytest.mark.parametrize("make_field", [small_field, seen_field])
@@ -88,7 +95,7 @@ def test_loaded_costmap_equals_saved_costmap(tmp_path, make_field, law):
     rng = np.random.default_rng(len(law))
     options = {"weight": rng.uniform(0, 1e9), "robot": rng.uniform(0, 0.6), "law": law}
     costs = Costmap.from_field(field, **options)
-    found = again(costs, tmp_path)
+    found = save_and_load(costs, tmp_path)
     assert found == costs
     assert hash(found) == hash(costs)
     assert found.grid.name == ROOM.name
@@ -104,7 +111,7 @@ def test_loaded_custom_costmap_equals_saved_costmap(tmp_path, seed):
     density = rng.uniform(1, 10.0 ** rng.integers(1, 9), ROOM.shape)
     density[1, 1] = math.inf
     costs = Costmap.from_density(ROOM, density, robot=rng.uniform(0, 0.6))
-    assert again(costs, tmp_path) == costs
+    assert save_and_load(costs, tmp_path) == costs
 
 
 @pytest.mark.parametrize("more", [{}, {"via": [(2.75, 0.6)]}, {"max_e": 1e-9}, {"budget": 9.0}])
@@ -113,7 +120,7 @@ def test_loaded_plan_equals_saved_plan(tmp_path, more):
         if costs.settings is None and more:
             continue
         plan = locplan.plan(costs, *ENDS, planner="grid" if "budget" in more else None, **more)
-        found = again(plan, tmp_path)
+        found = save_and_load(plan, tmp_path)
         assert found == plan
         assert found.costs is None
         assert found.path == plan.path
@@ -126,7 +133,7 @@ def test_loaded_plan_equals_saved_plan(tmp_path, more):
 def test_loaded_front_equals_saved_front(tmp_path, objective):
     costs = Costmap.from_field(small_field(), robot=0.1)
     front = locplan.pareto_front(costs, *ENDS, objective=objective)
-    found = again(front, tmp_path)
+    found = save_and_load(front, tmp_path)
     assert found == front
     assert found.plan(found.knee) == front.plan(front.knee)
     assert found.figure()
@@ -137,13 +144,13 @@ def test_loaded_empty_front_equals_saved_front(tmp_path):
     field = locplan.covariance_field(walls, small_field().config)
     front = locplan.pareto_front(Costmap.from_field(field, robot=0.0), (0.75, 0.75), (4.25, 0.75))
     assert front.status == "unreachable"
-    assert again(front, tmp_path) == front
+    assert save_and_load(front, tmp_path) == front
 
 
 @pytest.mark.parametrize("make_field", [small_field, seen_field])
 def test_loaded_field_equals_saved_field(tmp_path, make_field):
     field = make_field()
-    found = again(field, tmp_path)
+    found = save_and_load(field, tmp_path)
     assert found == field
     assert found != CovarianceField(2 * field.covariance, field.grid, field.config, field.layers)
 

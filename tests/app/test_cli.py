@@ -32,6 +32,7 @@ from locplan import (
     save_map,
 )
 from locplan._support import public
+from locplan._support.output import replace_file
 from locplan.app.cli.application import COMMANDS
 from locplan.export import nav2_keepout
 from locplan.field import save_config
@@ -351,9 +352,11 @@ def test_plans_can_have_limits_and_waypoints(run, room):
 
 def test_plan_accepts_footprint_corners(run, room):
     ends = "--start", "1,2", "--goal", "4,3.5", "--set", "footprint=[[0.3,0.1],[0.3,-0.1],[-0.3,0]]"
-    code, out, _ = run("plan", room, *ends)
+    code, out, _ = run("plan", room, *ends, "--json")
     assert code == 0
-    assert "shortest" in out
+    inscribed_radius, margin = 0.3 * 0.1 / math.hypot(0.6, 0.1), 0.05
+    radius = json.loads(out)["about"]["robot_radius"]
+    assert radius == pytest.approx(inscribed_radius + margin)
     for bad in ("0.3,0.1", "[[0,0],[1,1]]", "-1"):
         assert "footprint" in check_refusal(run("plan", room, *ends[:-1], f"footprint={bad}"))
 
@@ -479,6 +482,7 @@ def test_compare_names_missing_cloudpickle(run, room, tmp_path, my_planner, monk
     words = "--planner", f"{my_planner}:mine", "-o", tmp_path / "out"
     message = "a custom planner, needs cloudpickle: pip install 'locplan[functions]'"
     assert message in check_refusal(run("compare", room, *words))
+    assert not (tmp_path / "out").exists()
 
 
 def test_plan_reports_planner_without_objective(run, room):
@@ -638,7 +642,7 @@ ZONES = Zones(
 
 @pytest.mark.usefixtures("undrawn")
 def test_exported_zones_equal_python_export(run, room, tmp_path, small_field):
-    """The command and Python write equal bytes, from zones and from a choice with them."""
+    """The command and Python write equal files. An exported choice keeps its zones."""
     ZONES.save(tmp_path / "zones.geojson")
     zones, field = ("--zones", tmp_path / "zones.geojson"), ("--field", small_field)
     mask = "export", room, "--to", "nav2-keepout", "--distro", "lyrical"
@@ -935,8 +939,13 @@ def test_commands_never_overwrite_inputs(run, room, tmp_path, monkeypatch, comma
 
 
 def test_python_may_overwrite_loaded_map(room, run):
-    run("field", room)
-    save_map(load_map(room), room)
+    """Only a running command protects its inputs."""
+    assert run("field", room)[0] == 0
+    grid = load_map(room)
+    with replace_file(room) as file:
+        file.write_text("new")
+    save_map(grid, room)
+    assert load_map(room) == grid
 
 
 @pytest.mark.parametrize("text", ["1.5", "x", "1e999", "nan"])

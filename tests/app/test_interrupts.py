@@ -41,8 +41,8 @@ sys.exit(run_supervised(work, clear))
 """
 
 
-def begun(folder: Path, code: str, disposition: str = "default_int_handler") -> subprocess.Popen:
-    """A process that has said on standard output that it is where it shall be interrupted."""
+def start(folder: Path, code: str, disposition: str = "default_int_handler") -> subprocess.Popen:
+    """Start a process, and return it when its code prints that it is stuck."""
     for name in ("temporary", "cache"):
         (folder / name).mkdir()
     path = [entry for entry in sys.path if entry]
@@ -64,8 +64,8 @@ def begun(folder: Path, code: str, disposition: str = "default_int_handler") -> 
     return process
 
 
-def ended(process: subprocess.Popen, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
-    """Exit code and standard error of a process group that got a signal."""
+def end_group(process: subprocess.Popen, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
+    """Send a signal to a process group; return its exit code and standard error."""
     os.killpg(process.pid, number)
     _, err = process.communicate(timeout=TIMEOUT)
     with pytest.raises(ProcessLookupError):  # nobody of the group is left
@@ -73,7 +73,7 @@ def ended(process: subprocess.Popen, number: signal.Signals = signal.SIGINT) -> 
     return process.returncode, err
 
 
-def supervised(work: str) -> str:
+def supervise(work: str) -> str:
     return SUPERVISED.format(work=work.replace("\n", "\n    "))
 
 
@@ -92,7 +92,7 @@ def supervised(work: str) -> str:
     ids=["in foreign code", "in a thread", "caught", "waiting", "in a finalizer"],
 )
 def test_interrupt_ends_unresponsive_code(tmp_path, work):
-    assert ended(begun(tmp_path, supervised(work))) == (130, "locplan: interrupted\n")
+    assert end_group(start(tmp_path, supervise(work))) == (130, "locplan: interrupted\n")
 
 
 def test_interrupt_removes_temporary_files(tmp_path):
@@ -105,10 +105,10 @@ with replace_file("kept.txt") as file, replace_file("new.txt"), temporary_folder
     (folder / "part").write_text("half")
     stuck()
 """
-    process = begun(tmp_path, supervised(code))
+    process = start(tmp_path, supervise(code))
     assert len(list(tmp_path.iterdir())) == 5
     assert list((tmp_path / "temporary").iterdir())
-    assert ended(process)[0] == 130
+    assert end_group(process)[0] == 130
     assert sorted(each.name for each in tmp_path.iterdir()) == ["cache", "kept.txt", "temporary"]
     assert not list((tmp_path / "temporary").iterdir())
     assert (tmp_path / "kept.txt").read_text() == "before"
@@ -130,9 +130,9 @@ with ResultOutput(Path("kept"), "plan").writing() as folder:
             stuck()
     os.replace = move_and_stop
 """
-    process = begun(tmp_path, supervised(code))
+    process = start(tmp_path, supervise(code))
     assert not (tmp_path / "kept" / "b").exists()
-    assert ended(process)[0] == 130
+    assert end_group(process)[0] == 130
     assert {each.name for each in (tmp_path / "kept").iterdir()} == {"a", "b", "run.yaml"}
 
 
@@ -148,9 +148,9 @@ with temporary_folder() as first:
     with temporary_folder():
         stuck()
 """
-    process = begun(tmp_path, supervised(code))
+    process = start(tmp_path, supervise(code))
     assert len(list((tmp_path / "temporary").iterdir())) == 2
-    assert ended(process)[0] == 130
+    assert end_group(process)[0] == 130
     assert not list((tmp_path / "temporary").iterdir())
 
 
@@ -172,7 +172,7 @@ with replace_file("new.txt") as file, temporary_folder():
     file.write_text("half")
     stuck()
 """
-    process = begun(tmp_path, supervised(code))
+    process = start(tmp_path, supervise(code))
     for folder in (tmp_path, tmp_path / "temporary"):
         with temporary_folder(folder) as own:
             assert len(list(folder.glob(".locplan-tmp-*"))) == 2  # the process lives
@@ -188,11 +188,11 @@ with replace_file("new.txt") as file, temporary_folder():
     [(signal.SIGTERM, (143, "locplan: terminated\n")), (signal.SIGHUP, (129, ""))],
 )
 def test_terminate_and_hangup_end_command(tmp_path, number, expected):
-    assert ended(begun(tmp_path, supervised("stuck()")), number) == expected
+    assert end_group(start(tmp_path, supervise("stuck()")), number) == expected
 
 
 def test_supervisor_forwards_interrupt(tmp_path):
-    process = begun(tmp_path, supervised("stuck()"))
+    process = start(tmp_path, supervise("stuck()"))
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=TIMEOUT)[1] == "locplan: interrupted\n"
     assert process.returncode == 130
@@ -200,9 +200,10 @@ def test_supervisor_forwards_interrupt(tmp_path):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
 def test_worker_ends_with_supervisor(tmp_path):
-    process = begun(tmp_path, supervised("stuck()"))
+    process = start(tmp_path, supervise("stuck()"))
     process.kill()
-    process.communicate(timeout=TIMEOUT)  # its pipes close when the second process has ended
+    # The worker holds the pipes: they close when it ends.
+    assert process.communicate(timeout=TIMEOUT) == ("", "")
 
 
 def test_supervisor_forwards_exit_code_and_crash(tmp_path):
@@ -218,7 +219,7 @@ def test_supervisor_forwards_exit_code_and_crash(tmp_path):
     ):
         folder = tmp_path / str(n)
         folder.mkdir()
-        process = begun(folder, supervised(work))
+        process = start(folder, supervise(work))
         err = process.communicate(timeout=TIMEOUT)[1]
         assert (process.returncode, err) == expected
 
@@ -226,7 +227,7 @@ def test_supervisor_forwards_exit_code_and_crash(tmp_path):
 def test_ignored_interrupt_stays_ignored(tmp_path):
     """A shell may start background commands with SIGINT ignored."""
     work = "print('stuck', flush=True)\ninput()\nprint('done')"
-    process = begun(tmp_path, supervised(work), "SIG_IGN")
+    process = start(tmp_path, supervise(work), "SIG_IGN")
     os.killpg(process.pid, signal.SIGINT)
     assert process.communicate("\n", timeout=TIMEOUT) == ("done\n", "")
     assert process.returncode == 0
@@ -246,7 +247,7 @@ sys.meta_path.insert(0, Stuck())
 sys.argv = ["locplan", "--version"]
 locplan.__main__.main()
 """
-    assert ended(begun(tmp_path, code)) == (130, "locplan: interrupted\n")
+    assert end_group(start(tmp_path, code)) == (130, "locplan: interrupted\n")
 
 
 ENDS = "--start", "1,2", "--goal", "4,3.5"
@@ -295,7 +296,7 @@ from locplan.__main__ import main
 main()
 """
     word = "interrupted" if number == signal.SIGINT else "terminated"
-    assert ended(begun(tmp_path, code), number) == (128 + number, f"locplan: {word}\n")
+    assert end_group(start(tmp_path, code), number) == (128 + number, f"locplan: {word}\n")
     left = {each.name for each in tmp_path.iterdir()} - {*before, "temporary", "cache"}
     assert left <= ({"out"} if name == "compare" else set())  # its journal
     assert not list((tmp_path / "temporary").iterdir())

@@ -33,12 +33,12 @@ def lidar(
 
 @pytest.fixture(params=[False, True], ids=["endpoint", "range"])
 def of_ranges(request) -> bool:
-    """Both models of what a beam tells."""
+    """True for the range model of a beam, False for the endpoint model."""
     return request.param
 
 
-def at_pose(occupied, resolution, row, col, heading, beams, of_ranges, normals=None):
-    """Information at one pose, (3, 3), of a standard deviation of 1 m."""
+def information_at_pose(occupied, resolution, row, col, heading, beams, of_ranges, normals=None):
+    """Compute the information at one pose, (3, 3), for a standard deviation of 1 m."""
     normals = find_surface_normals(occupied) if normals is None else normals
     one = [np.array([float(value)]) for value in (row, col, heading)]
     control = np.zeros(2, np.int64)
@@ -52,8 +52,8 @@ def random_stops(shape, seed, density=0.08):
     return np.random.default_rng(seed).random(shape) < density
 
 
-def drawn(*lines):
-    """Occupied cells of a drawing, its first line at the top."""
+def cells_from_drawing(*lines):
+    """Return the occupied cells of a drawing, its first line at the top."""
     return np.array([[character == "#" for character in line] for line in reversed(lines)])
 
 
@@ -128,7 +128,7 @@ def test_edge_and_corner_rays_equal_oracle(shift, by_angle):
 
 
 def test_ray_on_edge_hits_upper_cell():
-    stops = drawn("....#", ".....", "#....")  # row 2, 1, 0
+    stops = cells_from_drawing("....#", ".....", "#....")  # row 2, 1, 0
     squares = compute_empty_squares(stops)
     assert cast_ray(squares, 2.0, 0.5, 0.0, 1.0, FAR) == (3.5, 2, 4)
     assert cast_ray(squares, 1.0, 4.5, 0.0, -1.0, FAR)[0] == math.inf
@@ -154,7 +154,7 @@ def test_ray_does_not_cross_diagonal_wall(quarters, jitter):
 
 @pytest.mark.parametrize("lost", ["outside", "maximum", "map's edge"])
 def test_ray_without_hit_has_infinite_range(lost):
-    squares = compute_empty_squares(drawn("....#", "....."))
+    squares = compute_empty_squares(cells_from_drawing("....#", "....."))
     start, max_range = {
         "outside": ((1.5, -0.5), FAR),
         "maximum": ((1.5, 0.5), 3.49),
@@ -165,7 +165,8 @@ def test_ray_without_hit_has_infinite_range(lost):
 
 
 def test_range_is_zero_inside_wall():
-    assert cast_ray(compute_empty_squares(drawn(".#.")), 0.5, 1.5, 0.0, 1.0, FAR) == (0.0, 0, 1)
+    squares = compute_empty_squares(cells_from_drawing(".#."))
+    assert cast_ray(squares, 0.5, 1.5, 0.0, 1.0, FAR) == (0.0, 0, 1)
 
 
 def test_ray_leaps_equal_single_steps():
@@ -183,8 +184,8 @@ def test_ray_leaps_equal_single_steps():
         assert cast_ray(squares, *ray) == cast_ray(single_steps, *ray)
 
 
-def cells(size, resolution):
-    """x and y of the cells' centres from the middle of a square map [m]."""
+def cell_centres(size, resolution):
+    """Return x and y of the cells' centres from the middle of a square map [m]."""
     y, x = (np.mgrid[:size, :size] + 0.5 - size / 2) * resolution
     return x, y
 
@@ -198,7 +199,7 @@ def error_deg(normals, x, y):
 @pytest.mark.parametrize("thickness", [1.0, 1.42, 2.0, 3.0])
 @pytest.mark.parametrize("degrees", range(0, 91, 7))
 def test_normals_are_perpendicular_to_straight_walls(degrees, thickness):
-    x, y = cells(160, 1.0)
+    x, y = cell_centres(160, 1.0)
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     across, along = cos * y - sin * x + 0.37, cos * x + sin * y
     occupied = (abs(across) <= thickness / 2) & (abs(along) < 70)
@@ -210,7 +211,7 @@ def test_normals_are_perpendicular_to_straight_walls(degrees, thickness):
 
 @pytest.mark.parametrize("radius", [20, 40, 80])
 def test_normals_are_radial_on_round_walls(radius):
-    x, y = cells(200, 1.0)
+    x, y = cell_centres(200, 1.0)
     distance = np.hypot(x, y)
     occupied = abs(distance - radius) <= 1
     normals = find_surface_normals(occupied)[occupied]
@@ -248,7 +249,7 @@ def test_fisher_information_equals_finite_differences(seed, of_ranges):
     beams = lidar(rng.uniform(-2, 2, 70), *rng.uniform(-0.4, 0.4, 3), 0.05, 0.7, 4.0)
     pose = rng.uniform(6, 18), rng.uniform(8, 22), rng.uniform(-4, 4)
     expected = oracles.beams.information(occupied, normals, 0.2, *pose, beams, of_ranges)
-    found = at_pose(occupied, 0.2, *pose, beams, of_ranges, normals)
+    found = information_at_pose(occupied, 0.2, *pose, beams, of_ranges, normals)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 
@@ -268,27 +269,27 @@ def polygon_range(corners, x, y, angle):
     return best
 
 
-def beyond(corners, x, y):
-    """Distance of a point outwards from the nearest side of a convex polygon, counter-clockwise."""
+def distance_outside(corners, x, y):
+    """Compute how far a point lies outside a convex, counter-clockwise polygon; negative inside."""
     along = np.roll(corners, -1, axis=0) - corners
     outwards = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
     return ((np.array([x, y]) - corners) * outwards).sum(axis=1).max()
 
 
-def information_of(corners, pose, beams, of_ranges, step=1e-5):
+def differentiate_information(corners, pose, beams, of_ranges, step=1e-5):
     """Information by central differences of ranges or ends in a convex room."""
     total = np.zeros((3, 3))
 
-    def placed(x, y, theta, ahead, left):
+    def transform_to_world(x, y, theta, ahead, left):
         cos, sin = math.cos(theta), math.sin(theta)
         return x + cos * ahead - sin * left, y + sin * ahead + cos * left
 
-    def measured(pose, angle):
-        start = placed(*pose, beams.forward, beams.left)
+    def range_at(pose, angle):
+        start = transform_to_world(*pose, beams.forward, beams.left)
         return polygon_range(corners, *start, pose[2] + beams.yaw + angle)
 
     for angle in beams.angles:
-        at, bearing = measured(pose, angle), beams.yaw + angle
+        at, bearing = range_at(pose, angle), beams.yaw + angle
         end = beams.forward + at * math.cos(bearing), beams.left + at * math.sin(bearing)
         gradient = np.zeros(3)
         for axis in range(3):
@@ -296,8 +297,8 @@ def information_of(corners, pose, beams, of_ranges, step=1e-5):
             for side in (step, -step):
                 moved = np.array(pose, float)
                 moved[axis] += side
-                departs = beyond(corners, *placed(*moved, *end))
-                both.append(measured(moved, angle) if of_ranges else departs)
+                departs = distance_outside(corners, *transform_to_world(*moved, *end))
+                both.append(range_at(moved, angle) if of_ranges else departs)
             gradient[axis] = (both[0] - both[1]) / (2 * step)
         total += np.outer(gradient, gradient)
     return total
@@ -313,33 +314,35 @@ def rectangle(width, height, turned):
 @pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (0.4, -0.2, 0.5)])
 def test_information_on_grid_approximates_exact_room(turned, mount, of_ranges):
     width, height, resolution, size = 6.0, 4.0, 0.05, 200
-    x, y = cells(size, resolution)
+    x, y = cell_centres(size, resolution)
     cos, sin = math.cos(turned), math.sin(turned)
     side, end = abs(cos * y - sin * x) - height / 2, abs(cos * x + sin * y) - width / 2
     occupied = np.maximum(side, end) >= 0
     true_normals = np.where((side > end)[..., None], [cos, -sin], [sin, cos]).astype(np.float32)
     pose, beams = (0.7, -0.3, 0.4), lidar(FULL_CIRCLE + 0.003, *mount)
     corners = rectangle(width, height, turned)
-    expected = information_of(corners, pose, beams, of_ranges)
+    expected = differentiate_information(corners, pose, beams, of_ranges)
     row, col = pose[1] / resolution + size / 2, pose[0] / resolution + size / 2
     # Beside a corner the map's normals are those of both walls, which costs some information.
     for normals, tolerance in ((true_normals, 0.1), (None, 0.2)):
-        found = at_pose(occupied, resolution, row, col, pose[2], beams, of_ranges, normals)
+        found = information_at_pose(
+            occupied, resolution, row, col, pose[2], beams, of_ranges, normals
+        )
         shares = np.linalg.eigvals(np.linalg.solve(expected, found))
         assert np.abs(shares - 1).max() < tolerance
 
 
 def test_square_room_information_equals_closed_form(of_ranges):
-    """Each wall at distance a sees a quarter of the beams, with lever arms of a tan.
+    """A beam at angle t to a wall's normal has the lever arm distance * tan(t).
 
-    A range counts 1 / cos^2 of an end.
+    A range has 1 / cos(t)^2 times the information of an end.
     """
     resolution, half, beams = 0.05, 40, lidar(FULL_CIRCLE + np.pi / 360)
     occupied = np.ones((100, 100), bool)
     occupied[50 - half : 50 + half, 50 - half : 50 + half] = False
     row, col = np.mgrid[:100, :100] - 49.5
     walls = np.stack([abs(row) > abs(col), abs(col) > abs(row)], -1).astype(np.float32)
-    found = at_pose(occupied, resolution, 50, 50, 0, beams, of_ranges, walls)
+    found = information_at_pose(occupied, resolution, 50, 50, 0, beams, of_ranges, walls)
     angles = beams.angles[:45]  # half a wall
     weight = 1 / np.cos(angles) ** 2 if of_ranges else np.ones(45)
     across = 4 * weight.sum()
@@ -355,7 +358,7 @@ def test_corridor_has_no_information_along_axis(degrees, of_ranges):
     if degrees:
         occupied = occupied.T.copy()
     beams = lidar(max_range=8.0)
-    found = at_pose(occupied, 0.05, 200.5, 200.5, 0.3, beams, of_ranges)
+    found = information_at_pose(occupied, 0.05, 200.5, 200.5, 0.3, beams, of_ranges)
     along, across = (0, 1) if degrees == 0 else (1, 0)
     assert not found[along].any()
     assert found[across, across] > 1e5 * beams.sigma**2
@@ -363,40 +366,40 @@ def test_corridor_has_no_information_along_axis(degrees, of_ranges):
 
 def slanting_corridor(degrees, frames=0.0):
     """A corridor of 2 m, with a door frame that juts out every 3 m."""
-    x, y = cells(400, 0.05)
+    x, y = cell_centres(400, 0.05)
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     along, across = cos * x + sin * y, abs(cos * y - sin * x)
     edge = 1 - frames * (along % 3 < 1)
     return (across > edge) & (across < 1.15)
 
 
-def worst_sd(information, sigma=0.03):
-    """Standard deviation of the position along its worst axis [m], of that of a beam."""
+def compute_worst_deviation(information, sigma=0.03):
+    """Compute the largest deviation of the position [m] from the deviation of a beam [m]."""
     return sigma / math.sqrt(np.linalg.eigvalsh(information[:2, :2])[0])
 
 
 @pytest.mark.parametrize("degrees", [7, 13, 30, 44, 71])
 def test_position_is_uncertain_in_slanting_corridor(degrees, of_ranges):
     occupied = slanting_corridor(degrees)
-    found = at_pose(occupied, 0.05, 200, 200, 0.3, lidar(max_range=6.0), of_ranges)
-    assert worst_sd(found) > 1.0
+    found = information_at_pose(occupied, 0.05, 200, 200, 0.3, lidar(max_range=6.0), of_ranges)
+    assert compute_worst_deviation(found) > 1.0
 
 
 @pytest.mark.parametrize("degrees", [0, 7, 13, 30, 44, 71])
 def test_door_frames_fix_position_in_corridor(degrees, of_ranges):
     occupied = slanting_corridor(degrees, frames=0.15)
-    found = at_pose(occupied, 0.05, 200, 200, 0.3, lidar(max_range=6.0), of_ranges)
-    assert worst_sd(found) < 0.03
+    found = information_at_pose(occupied, 0.05, 200, 200, 0.3, lidar(max_range=6.0), of_ranges)
+    assert compute_worst_deviation(found) < 0.03
 
 
 def test_heading_is_uncertain_at_round_centre(of_ranges):
-    x, y = cells(240, 0.05)
+    x, y = cell_centres(240, 0.05)
     distance = np.hypot(x, y)
-    found = at_pose(distance > 4, 0.05, 120, 120, 0.7, lidar(), of_ranges)
+    found = information_at_pose(distance > 4, 0.05, 120, 120, 0.7, lidar(), of_ranges)
     exact = 180  # half of the beams for each axis
     np.testing.assert_allclose(found[:2, :2], exact * np.eye(2), atol=0.02 * exact)
     assert found[2, 2] < 5e-3 * exact * 4**2
-    off_centre = at_pose(distance > 4, 0.05, 120, 150, 0.7, lidar(), of_ranges)
+    off_centre = information_at_pose(distance > 4, 0.05, 120, 150, 0.7, lidar(), of_ranges)
     assert off_centre[2, 2] > 5 * found[2, 2]
 
 
@@ -410,7 +413,7 @@ def test_information_is_zero_without_returns(of_ranges):
         (45, lidar(forward=2.0)),  # beyond the map
         (45, lidar(angles=[])),
     ):
-        assert not at_pose(occupied, 0.1, 25, col, 0, beams, of_ranges).any()
+        assert not information_at_pose(occupied, 0.1, 25, col, 0, beams, of_ranges).any()
 
 
 def near_and_far_wall():
@@ -425,7 +428,7 @@ def test_returns_below_min_range_are_ignored(least, returned, of_ranges):
     occupied, ahead_and_back = near_and_far_wall(), lidar([0.0, math.pi], min_range=least)
     walls = np.zeros((*occupied.shape, 2), np.float32)
     walls[..., 1] = occupied
-    found = at_pose(occupied, 0.1, 20.5, 15.5, 0.0, ahead_and_back, of_ranges, walls)
+    found = information_at_pose(occupied, 0.1, 20.5, 15.5, 0.0, ahead_and_back, of_ranges, walls)
     np.testing.assert_allclose(found, np.diag([returned, 0.0, 0.0]), atol=1e-12)
     ends = np.empty((2, 2))
     write_scan_ends(compute_empty_squares(occupied), 0.1, 20.5, 15.5, 0.0, ahead_and_back, ends)
@@ -434,8 +437,8 @@ def test_returns_below_min_range_are_ignored(least, returned, of_ranges):
     np.testing.assert_allclose(ends, there, atol=1e-9)
 
 
-def measured(occupied, beams, seed, **disturbances):
-    """Ranges of a real scan from row 20, column 15 [m]."""
+def simulate_ranges(occupied, beams, seed, **disturbances):
+    """Simulate the ranges of a noisy scan from row 20, column 15 [m]."""
     settings = {"outliers": 0.0, "occlusion": 0.0, "width": 1.0, "nearest": 0.5, "farthest": 2.0}
     ends, pose = np.empty((beams.angles.size, 2)), np.array([20.5, 15.5, 0.0])
     of_beams = BeamDisturbances(**settings | disturbances)
@@ -445,11 +448,11 @@ def measured(occupied, beams, seed, **disturbances):
 
 
 def test_min_range_applies_to_measured_range():
-    """Noise takes some returns of a wall at just the least range below it, and some not."""
+    """The wall stands at the minimum range; noise moves about half of its returns below."""
     occupied, left = near_and_far_wall(), np.full(400, math.pi)
-    all_of_them = measured(occupied, lidar(left, sigma=0.02), seed=3)
+    all_of_them = simulate_ranges(occupied, lidar(left, sigma=0.02), seed=3)
     assert 0.4 < (all_of_them < 1.0).mean() < 0.6
-    at = measured(occupied, lidar(left, sigma=0.02, min_range=1.0), seed=3)
+    at = simulate_ranges(occupied, lidar(left, sigma=0.02, min_range=1.0), seed=3)
     np.testing.assert_array_equal(at, np.where(all_of_them < 1.0, np.nan, all_of_them))
 
 
@@ -458,7 +461,7 @@ def test_wall_below_min_range_blocks_beam():
     beams = lidar(left, sigma=1e-9, min_range=1.05)
     for seed in range(20):
         behind = {"occlusion": 1.0, "nearest": 1.2, "farthest": 2.0}
-        assert np.isnan(measured(occupied, beams, seed, **behind)).all()
+        assert np.isnan(simulate_ranges(occupied, beams, seed, **behind)).all()
 
 
 def test_noisy_ends_equal_plain_loop():
@@ -487,13 +490,15 @@ def test_information_turns_with_map_and_pose(quarters, of_ranges):
     occupied[[0, 59]] = occupied[:, [0, 59]] = True
     beams = lidar(FULL_CIRCLE + 0.1, 0.15, -0.1, 0.3, max_range=5.0)
     row, col, heading = 31.3, 20.6, 0.8
-    before = at_pose(occupied, 0.1, row, col, heading, beams, of_ranges)
+    before = information_at_pose(occupied, 0.1, row, col, heading, beams, of_ranges)
     turned_map, turned_row, turned_col = occupied, row, col
     for _ in range(quarters):  # x' = -y, y' = x
         turned_map = np.ascontiguousarray(turned_map.T[:, ::-1])
         turned_row, turned_col = turned_col, 60 - turned_row
     angle = quarters * math.pi / 2
-    after = at_pose(turned_map, 0.1, turned_row, turned_col, heading + angle, beams, of_ranges)
+    after = information_at_pose(
+        turned_map, 0.1, turned_row, turned_col, heading + angle, beams, of_ranges
+    )
     cos, sin = round(math.cos(angle)), round(math.sin(angle))
     turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     np.testing.assert_allclose(
@@ -508,16 +513,16 @@ def test_mount_transforms_information_by_lever_arm(of_ranges):
     lever = np.array([cos * forward - sin * left, sin * forward + cos * left])
     lever = np.round(lever / 0.1 / 2.0**-20) * 2.0**-20 * 0.1
     beams, at = lidar(FULL_CIRCLE, forward, left, yaw), 30 + lever[::-1] / 0.1
-    mounted = at_pose(occupied, 0.1, 30, 30, heading, beams, of_ranges)
-    there = at_pose(occupied, 0.1, *at, heading + yaw, lidar(), of_ranges)
+    mounted = information_at_pose(occupied, 0.1, 30, 30, heading, beams, of_ranges)
+    there = information_at_pose(occupied, 0.1, *at, heading + yaw, lidar(), of_ranges)
     moves = np.array([[1, 0, -lever[1]], [0, 1, lever[0]], [0, 0, 1]])
     np.testing.assert_allclose(mounted, moves.T @ there @ moves, rtol=1e-9, atol=1e-6)
 
 
 def test_full_circle_information_ignores_heading(of_ranges):
     occupied = random_stops((60, 60), 23, 0.02)
-    one = at_pose(occupied, 0.1, 30.2, 30.4, 0.0, lidar(), of_ranges)
-    other = at_pose(occupied, 0.1, 30.2, 30.4, math.radians(90), lidar(), of_ranges)
+    one = information_at_pose(occupied, 0.1, 30.2, 30.4, 0.0, lidar(), of_ranges)
+    other = information_at_pose(occupied, 0.1, 30.2, 30.4, math.radians(90), lidar(), of_ranges)
     np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(one).max())
 
 
@@ -537,7 +542,9 @@ def test_batch_information_equals_single_poses(of_ranges):
     assert control[N_DONE] == 3
     for n in range(3):
         for k in range(2):
-            single = at_pose(occupied, 0.1, rows[n], cols[n], headings[k], beams, of_ranges)
+            single = information_at_pose(
+                occupied, 0.1, rows[n], cols[n], headings[k], beams, of_ranges
+            )
             np.testing.assert_array_equal(found[n, k], single)
             np.testing.assert_array_equal(single, single.T)
             assert np.linalg.eigvalsh(single).min() > -1e-9 * single.max()

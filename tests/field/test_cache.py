@@ -15,7 +15,7 @@ QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
 
 
 @pytest.fixture
-def three(tmp_path):
+def three_fields(tmp_path):
     """A cache of three fields, used 1, 2 and 3 days ago."""
     paths = []
     for days in (1, 2, 3):
@@ -27,55 +27,55 @@ def three(tmp_path):
     return paths
 
 
-def names(folder) -> list[str]:
+def list_map_names(folder) -> list[str]:
     return [entry.metadata["map"] for entry in list_cache_entries(folder)]
 
 
-def test_cache_lists_last_used_entry_first(three, tmp_path):
-    assert names(tmp_path) == ["rooms 1", "rooms 2", "rooms 3"]
-    os.utime(three[1])
-    assert names(tmp_path) == ["rooms 2", "rooms 1", "rooms 3"]
+def test_cache_lists_last_used_entry_first(three_fields, tmp_path):
+    assert list_map_names(tmp_path) == ["rooms 1", "rooms 2", "rooms 3"]
+    os.utime(three_fields[1])
+    assert list_map_names(tmp_path) == ["rooms 2", "rooms 1", "rooms 3"]
 
 
-def test_cache_entry_describes_saved_field(three, tmp_path):
+def test_cache_entry_describes_saved_field(three_fields, tmp_path):
     entry = list_cache_entries(tmp_path)[0]
-    assert entry.path == three[0]
-    assert entry.size == three[0].stat().st_size
+    assert entry.path == three_fields[0]
+    assert entry.size == three_fields[0].stat().st_size
     assert (entry.kind, entry.finished_share) == ("field", 1.0)
     assert "field rooms 1 sad, disc" in " ".join(format_cache_table([entry], tmp_path).split())
 
 
-def test_eviction_removes_least_recently_used_field(three, tmp_path):
-    size = sum(path.stat().st_size for path in three[:2])
-    cache.evict_results(tmp_path, size, three[0])
-    assert names(tmp_path) == ["rooms 1", "rooms 2"]
-    cache.evict_results(tmp_path, 1, three[1])
-    assert names(tmp_path) == ["rooms 2"]
+def test_eviction_removes_least_recently_used_field(three_fields, tmp_path):
+    size = sum(path.stat().st_size for path in three_fields[:2])
+    cache.evict_results(tmp_path, size, three_fields[0])
+    assert list_map_names(tmp_path) == ["rooms 1", "rooms 2"]
+    cache.evict_results(tmp_path, 1, three_fields[1])
+    assert list_map_names(tmp_path) == ["rooms 2"]
 
 
-def test_new_field_evicts_older_fields(three, tmp_path, monkeypatch):
-    monkeypatch.setenv("LOCPLAN_CACHE_SIZE", str(three[0].stat().st_size))
+def test_new_field_evicts_older_fields(three_fields, tmp_path, monkeypatch):
+    monkeypatch.setenv("LOCPLAN_CACHE_SIZE", str(three_fields[0].stat().st_size))
     grid = OccupancyGrid(random_rooms((40, 50), seed=9), 0.1, name="new")
     load_or_compute(grid, QUICK, cache_dir=tmp_path)
-    assert names(tmp_path) == ["new"]
+    assert list_map_names(tmp_path) == ["new"]
 
 
-def test_clear_cache_keeps_locked_field(three, tmp_path):
+def test_clear_cache_keeps_locked_field(three_fields, tmp_path):
     """Another process may be computing it."""
-    with cache.make_lock(three[1]):
+    with cache.make_lock(three_fields[1]):
         removed, busy = cache.clear_cache(tmp_path, 0)
-    assert [entry.path for entry in busy] == [three[1]]
-    assert {entry.path for entry in removed} == {three[0], three[2]}
-    assert names(tmp_path) == ["rooms 2"]
+    assert [entry.path for entry in busy] == [three_fields[1]]
+    assert {entry.path for entry in removed} == {three_fields[0], three_fields[2]}
+    assert list_map_names(tmp_path) == ["rooms 2"]
 
 
-def test_clear_cache_keeps_recently_used_field(three, tmp_path):
+def test_clear_cache_keeps_recently_used_field(three_fields, tmp_path):
     cache.clear_cache(tmp_path, 2)
-    assert names(tmp_path) == ["rooms 1"]
+    assert list_map_names(tmp_path) == ["rooms 1"]
 
 
-def test_cache_lists_and_removes_unreadable_entries(three, tmp_path):
-    three[0].write_text("{")
+def test_cache_lists_and_removes_unreadable_entries(three_fields, tmp_path):
+    three_fields[0].write_text("{")
     for suffix in (".parts", ".zarr", ".kept"):
         (tmp_path / ("0" * 32 + suffix)).mkdir()
         (tmp_path / ("0" * 32 + suffix) / "zarr.json").write_text("{}")
@@ -87,7 +87,7 @@ def test_cache_lists_and_removes_unreadable_entries(three, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["locks"]
 
 
-def test_cache_removes_only_abandoned_temporary_folders(three, tmp_path):
+def test_cache_removes_only_abandoned_temporary_folders(three_fields, tmp_path):
     """A live process holds its temporary folder."""
     abandoned = tmp_path / ".locplan-tmp-a1b2c3d4"
     (abandoned / "c").mkdir(parents=True)
@@ -102,27 +102,27 @@ def test_cache_removes_only_abandoned_temporary_folders(three, tmp_path):
     assert not list(tmp_path.glob(".locplan-tmp-????????"))
 
 
-def test_cache_keeps_unknown_files(three, tmp_path):
+def test_cache_keeps_unknown_files(three_fields, tmp_path):
     for name in ("mine.npz", f"{'a' * 31}.npz", f"{'a' * 32}.csv", "a" * 32):
         (tmp_path / name).write_text("{}")
         os.utime(tmp_path / name, (0, 0))
-    cache.evict_results(tmp_path, 0, three[0])
+    cache.evict_results(tmp_path, 0, three_fields[0])
     cache.clear_cache(tmp_path, 0)
     assert len([path for path in tmp_path.iterdir() if path.is_file()]) == 4
     assert list_cache_entries(tmp_path) == []
 
 
-def test_eviction_continues_after_failed_removal(three, tmp_path, monkeypatch):
+def test_eviction_continues_after_failed_removal(three_fields, tmp_path, monkeypatch):
     remove = cache.remove_entry
 
     def all_but_one(field):
-        if field == three[2]:
+        if field == three_fields[2]:
             raise LocplanError("not yours")
         return remove(field)
 
     monkeypatch.setattr(cache, "remove_entry", all_but_one)
-    cache.evict_results(tmp_path, 0, three[0])
-    assert names(tmp_path) == ["rooms 1", "rooms 3"]
+    cache.evict_results(tmp_path, 0, three_fields[0])
+    assert list_map_names(tmp_path) == ["rooms 1", "rooms 3"]
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def read_number(path):
         raise LocplanError(f"{path}: is damaged") from None
 
 
-def number_in(folder, compute):
+def fetch_number(folder, compute):
     def save(path, number):
         path.write_text(str(number))
 
@@ -178,16 +178,16 @@ def number_in(folder, compute):
 
 
 def test_result_is_computed_once(tmp_path):
-    assert number_in(tmp_path, lambda parts: 7) == 7
-    assert number_in(tmp_path, None) == 7
+    assert fetch_number(tmp_path, lambda parts: 7) == 7
+    assert fetch_number(tmp_path, None) == 7
 
 
 def test_damaged_result_is_computed_again(tmp_path, caplog):
-    number_in(tmp_path, lambda parts: 7)
+    fetch_number(tmp_path, lambda parts: 7)
     (tmp_path / f"{KEY}.npz").write_text("seven")
-    assert number_in(tmp_path, lambda parts: 8) == 8
+    assert fetch_number(tmp_path, lambda parts: 8) == 8
     assert "is damaged; computed again" in caplog.text
-    assert number_in(tmp_path, None) == 8
+    assert fetch_number(tmp_path, None) == 8
 
 
 def test_interrupted_result_resumes_from_parts(tmp_path):
@@ -199,9 +199,9 @@ def test_interrupted_result_resumes_from_parts(tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        number_in(tmp_path, interrupted)
+        fetch_number(tmp_path, interrupted)
     assert [entry.kind for entry in list_cache_entries(tmp_path)] == ["unfinished"]
-    assert number_in(tmp_path, lambda parts: read_number(parts / "1")) == 7
+    assert fetch_number(tmp_path, lambda parts: read_number(parts / "1")) == 7
     assert [entry.path.name for entry in list_cache_entries(tmp_path)] == [f"{KEY}.npz"]
 
 
@@ -209,6 +209,6 @@ def test_unwritable_cache_is_logged_once(tmp_path, caplog):
     """Each result is still computed, without a folder for parts."""
     (tmp_path / "file").write_text("")
     for _ in range(2):
-        assert number_in(tmp_path / "file", lambda parts: 7 if parts is None else 8) == 7
+        assert fetch_number(tmp_path / "file", lambda parts: 7 if parts is None else 8) == 7
     (message,) = caplog.messages  # not one for each result
     assert message.startswith(f"results are not cached: {tmp_path / 'file'} cannot be written (")

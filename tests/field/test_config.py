@@ -162,11 +162,18 @@ def test_lidar_estimators_have_fitted_defaults():
     fused = Fused(BEAMS)
     window = SearchWindow(half_width=1.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
     assert fused.fisher == Fisher(
-        BEAMS, window=window, sigma_hit=0.1, effective_beams=12.6, max_beams=180, model="endpoint"
+        BEAMS,
+        window=window,
+        noise_level=1.0,
+        sigma_hit=0.1,
+        effective_beams=12.6,
+        max_beams=180,
+        model="endpoint",
     )
     assert fused.scan == Scan(
         BEAMS,
         window=window,
+        noise_level=1.0,
         sigma_hit=0.1,
         effective_beams=12.6,
         max_beams=180,
@@ -190,9 +197,7 @@ def test_lidar_estimators_have_fitted_defaults():
         (locplan.advice.Box, (0.6, 0.3)),
         (locplan.advice.Pole, (0.2,)),
         (FieldConfig, (0.2, 0)),
-        (Fisher, (1.0, 0.1, 12.6, 180)),
         (Fused, (1.0,)),
-        (Scan, (1.0, 0.1, 12.6, 180, 0.05)),
         (Sad, (1.0, True, 6.0)),
         (SearchWindow, (2.0, 0.2, 60.0, 10.0)),
         (Lidar, (12.0, 0.0, 360.0, 360, 0.03, 0.0, 0.0, 0.0)),

@@ -1,4 +1,4 @@
-"""Fields that know the sensor, and what becomes of them."""
+"""Fields of the lidar estimators, and the costmaps and path costs that use them."""
 
 import dataclasses
 import itertools
@@ -43,17 +43,19 @@ AHEAD = Lidar(range=2.5, field_of_view_deg=120.0, beams=40, mount_x=0.15, mount_
 SMALL = SearchWindow(half_width=0.6, step=0.2, half_rotation_deg=30.0)
 
 
-def made(name, lidar=ALL_ROUND, **settings) -> Estimator:
-    """An estimator with a small window, unless another one is given."""
+def make_estimator(name, lidar=ALL_ROUND, **settings) -> Estimator:
+    """Return an estimator; its search window is small by default."""
     settings = {"window": SMALL} | settings
     if name == "fused":
-        both = {kind: made(kind, lidar, **settings) for kind in ("fisher", "scan")}
+        both = {kind: make_estimator(kind, lidar, **settings) for kind in ("fisher", "scan")}
         return Fused(lidar, **both)
     return {"fisher": Fisher, "scan": Scan}[name](lidar, **settings)
 
 
-def config(estimator, lidar=ALL_ROUND, *, headings=0, stride=0.2, **settings):
-    return FieldConfig(made(estimator, lidar, **settings), headings=headings, stride=stride)
+def make_config(estimator, lidar=ALL_ROUND, *, headings=0, stride=0.2, **settings):
+    return FieldConfig(
+        make_estimator(estimator, lidar, **settings), headings=headings, stride=stride
+    )
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +70,7 @@ def estimator(request) -> str:
 
 @pytest.fixture(scope="module")
 def ahead(rooms, estimator) -> CovarianceField:
-    return covariance_field(rooms, config(estimator, AHEAD, headings=4))
+    return covariance_field(rooms, make_config(estimator, AHEAD, headings=4))
 
 
 def assert_same(one: CovarianceField, other: CovarianceField) -> None:
@@ -78,7 +80,7 @@ def assert_same(one: CovarianceField, other: CovarianceField) -> None:
 
 
 def test_field_omits_axis_of_single_heading(rooms, estimator):
-    field = covariance_field(rooms, config(estimator))
+    field = covariance_field(rooms, make_config(estimator))
     assert field.covariance.shape[2:] == (3, 3)
     assert field.e.shape == field.covariance.shape[:2]
     assert set(field.layers) == (set() if estimator == "fisher" else {"ambiguity", "entropy"})
@@ -101,7 +103,7 @@ def test_field_has_axis_of_several_headings(ahead, estimator):
 def test_place_without_returns_is_featureless(estimator):
     grid = OccupancyGrid(np.full((40, 40), FREE), 0.1)
     for sensor in (ALL_ROUND, AHEAD):
-        field = covariance_field(grid, config(estimator, sensor))
+        field = covariance_field(grid, make_config(estimator, sensor))
         assert field.e[field.is_evaluated] == pytest.approx(field.anchors()[1], rel=1e-12)
         costs = Costmap.from_field(field, robot=0.0)
         assert costs.u[5, 5] == pytest.approx(1.0, rel=1e-12)
@@ -113,7 +115,7 @@ def test_u_follows_anchors_of_position_std(estimator, half_rotation_deg):
     window = SearchWindow(
         half_width=1.5, step=0.1, half_rotation_deg=half_rotation_deg, rotation_step_deg=2.0
     )
-    wanted = config(estimator, window=window, stride=0.1)
+    wanted = make_config(estimator, window=window, stride=0.1)
     grid = OccupancyGrid(np.full((2, 6), FREE), 0.1)
     nothing = wanted.estimator.featureless(window.to_lattice(0.1))
     top = math.sqrt(nothing[0, 0])
@@ -136,7 +138,7 @@ def test_u_follows_anchors_of_position_std(estimator, half_rotation_deg):
 def test_coarse_steps_raise_perfect_covariance(estimator):
     """The steps are coarser than 5 cm."""
     lattice = SearchWindow(half_width=2.0, step=0.5).to_lattice(0.5)
-    least = made(estimator).perfect(lattice)
+    least = make_estimator(estimator).perfect(lattice)
     np.testing.assert_allclose(least, lattice.quantisation)
     assert lattice.quantisation[0, 0] > 0.05**2
 
@@ -149,7 +151,7 @@ def test_field_ignores_tile_size_and_executor(rooms, estimator, ahead, monkeypat
     )
     with ThreadPoolExecutor(2) as executor:  # whose tasks are cut out of the map
         for sensor in (AHEAD, odd, dataclasses.replace(odd, mount_x=-0.317)):
-            wanted = config(estimator, sensor, headings=4)
+            wanted = make_config(estimator, sensor, headings=4)
             field = covariance_field(rooms, wanted, executor=executor)
             assert_same(field, covariance_field(rooms, wanted))
 
@@ -159,7 +161,7 @@ def test_halo_of_scan_includes_endpoint_noise(monkeypatch):
     posts = np.random.default_rng(1).random((100, 110)) < 0.02
     grid = OccupancyGrid(np.where(posts, OCCUPIED, FREE).astype(np.uint8), 0.05)
     short = Lidar(range=0.8, beams=180)
-    wanted = config("scan", short, stride=0.4, endpoint_noise=(1.0, 0.2))
+    wanted = make_config("scan", short, stride=0.4, endpoint_noise=(1.0, 0.2))
     with ThreadPoolExecutor(1) as executor:
         field = covariance_field(grid, wanted, executor=executor)
     assert_same(field, covariance_field(grid, wanted))
@@ -182,7 +184,7 @@ def test_quarter_turn_turns_covariances_and_headings(estimator):
     # An odd number of cells, so that the lattice turns onto itself.
     grid = OccupancyGrid(random_rooms((101, 101), seed=3), 0.05)
     turned = OccupancyGrid(np.rot90(grid.cells, -1), 0.05)
-    wanted = config(estimator, AHEAD, headings=4)
+    wanted = make_config(estimator, AHEAD, headings=4)
     before, after = covariance_field(grid, wanted), covariance_field(turned, wanted)
     both = np.rot90(before.is_evaluated, -1) & after.is_evaluated
     expected = rotated(np.rot90(before.covariance, -1), math.pi / 2)
@@ -207,7 +209,7 @@ def test_quarter_turn_turns_covariances_and_headings(estimator):
 def test_field_follows_map_rotation_and_mirroring(estimator, lidar):
     # An odd number of cells, so that the lattice turns onto itself.
     grid = OccupancyGrid(random_rooms((101, 101), seed=3), 0.05)
-    wanted = FieldConfig(made(estimator, lidar))
+    wanted = FieldConfig(make_estimator(estimator, lidar))
     field = covariance_field(grid, wanted)
     covariance = field.covariance.reshape(*field.is_evaluated.shape, wanted.headings, 3, 3)
     flip = np.diag([-1.0, 1.0, -1.0])
@@ -235,7 +237,9 @@ def test_field_follows_map_rotation_and_mirroring(estimator, lidar):
 def test_map_yaw_turns_covariances_not_headings(estimator):
     """Headings are angles in the world frame."""
     cells = random_rooms((80, 90), seed=5)
-    straight = covariance_field(OccupancyGrid(cells, 0.05), config(estimator, AHEAD, headings=4))
+    straight = covariance_field(
+        OccupancyGrid(cells, 0.05), make_config(estimator, AHEAD, headings=4)
+    )
     turned = covariance_field(OccupancyGrid(cells, 0.05, (0.0, 0.0, math.pi / 2)), straight.config)
     expected = np.roll(rotated(straight.covariance, math.pi / 2), 1, axis=2)
     known = straight.is_evaluated
@@ -248,7 +252,7 @@ def test_map_yaw_turns_covariances_not_headings(estimator):
 def test_corridor_is_uncertain_along_axis(estimator):
     for angle in (0.0, math.pi / 6):
         grid = corridor(14.0, 1.6, angle=angle)
-        field = covariance_field(grid, config(estimator))
+        field = covariance_field(grid, make_config(estimator))
         covariance = field.at((0.0, 0.0), "covariance")
         values, vectors = np.linalg.eigh(covariance[:2, :2])
         along = math.atan2(vectors[1, 1], vectors[0, 1])
@@ -262,7 +266,7 @@ def test_mount_yaw_turns_field_of_view(estimator, yaw, facing_the_wall):
     # One wall to the north, in range; who heads east has it on the left.
     grid = ascii_map("#" * 61, *["." * 61] * 60, resolution=0.1)
     lidar = Lidar(range=2.5, field_of_view_deg=120.0, beams=61, mount_yaw_deg=yaw)
-    field = covariance_field(grid, config(estimator, lidar, headings=4))
+    field = covariance_field(grid, make_config(estimator, lidar, headings=4))
     # The deviation across the wall, for headings east, north, west and south.
     across = np.sqrt(
         [field.at((3.05, 4.5, angle), "covariance")[1, 1] for angle in field.config.heading_angles]
@@ -296,12 +300,14 @@ def test_estimators_distinguish_paper_places():
 
 
 def test_field_without_rotation_has_two_dimensions(rooms, estimator):
-    field = covariance_field(rooms, config(estimator, window=replace(SMALL, half_rotation_deg=0.0)))
+    field = covariance_field(
+        rooms, make_config(estimator, window=replace(SMALL, half_rotation_deg=0.0))
+    )
     known = field.is_evaluated
     assert field.covariance.shape[2:] == (2, 2)
     assert (np.linalg.eigvalsh(field.covariance[known]) > 0).all()
     if estimator == "fisher":  # it is what is left where the heading is known
-        turning = covariance_field(rooms, config(estimator)).covariance[known]
+        turning = covariance_field(rooms, make_config(estimator)).covariance[known]
         expected = np.linalg.inv(np.linalg.inv(turning)[:, :2, :2])
         np.testing.assert_allclose(field.covariance[known], expected, rtol=1e-6, atol=1e-12)
     costs = Costmap.from_field(field, robot=0.0)
@@ -348,7 +354,7 @@ def test_costmap_accepts_every_criterion(rooms, ahead):
         Costmap.from_field(plain, criterion="ambiguity", robot=0.0)
 
 
-def part_of(rooms, count=5, headings=2, **more) -> MapPart:
+def make_map_part(rooms, count=5, headings=2, **more) -> MapPart:
     rows, cols = np.argwhere(rooms.free)[:: rooms.free.sum() // count][:count].T
     return MapPart(
         rooms.cells, rows, cols, rooms.resolution, rooms.shape,
@@ -356,17 +362,17 @@ def part_of(rooms, count=5, headings=2, **more) -> MapPart:
     )  # fmt: skip
 
 
-def fishers_share(covariance) -> float:
-    """Half where the ellipse of the scan is round, up to 1.5 : 1, and small, up to 0.25 m.
+def compute_fisher_weight(covariance) -> float:
+    """Return Fisher's weight in `Fused` for a covariance of the scan.
 
-    Nothing from 4 : 1 or 0.35 m on.
+    It is 0.5 up to an axis ratio of 1.5 and 0.25 m, and 0 from a ratio of 4 or 0.35 m on.
     """
     minor, major = np.sqrt(np.linalg.eigvalsh(covariance[:2, :2]))
     return 0.5 * min(1.0, max(0.0, min((4.0 - major / minor) / 2.5, (0.35 - major) / 0.1)))
 
 
-def of_eigenvalues(function, matrix):
-    """Return the function of a symmetric matrix."""
+def apply_to_eigenvalues(function, matrix):
+    """Apply a function to the eigenvalues of a symmetric matrix."""
     values, vectors = np.linalg.eigh(matrix)
     return (vectors * function(values)) @ vectors.T
 
@@ -374,17 +380,17 @@ def of_eigenvalues(function, matrix):
 @pytest.mark.parametrize("half_rotation_deg", sample_cases([30.0, 0.0]))
 def test_fused_is_mean_of_matrix_logarithms(rooms, half_rotation_deg):
     sharp = {"window": replace(SMALL, half_rotation_deg=half_rotation_deg), "effective_beams": 120}
-    fisher, scan = (made(name, AHEAD, **sharp) for name in ("fisher", "scan"))
+    fisher, scan = (make_estimator(name, AHEAD, **sharp) for name in ("fisher", "scan"))
     fused = Fused(AHEAD, fisher=fisher, scan=scan, noise_level=2.5)
-    part = part_of(rooms, 60)
+    part = make_map_part(rooms, 60)
     one, other, both = (each.covariances(part) for each in (fisher, scan, fused))
     shares = []
     for n, k in np.ndindex(60, 2):
         of_fisher, of_scan = one["covariance"][n, k], other["covariance"][n, k]
-        share = fishers_share(of_scan)
-        parts = (of_eigenvalues(np.log, each) for each in (of_fisher, of_scan))
+        share = compute_fisher_weight(of_scan)
+        parts = (apply_to_eigenvalues(np.log, each) for each in (of_fisher, of_scan))
         logs = share * next(parts) + (1 - share) * next(parts)
-        mean = of_eigenvalues(np.exp, logs)
+        mean = apply_to_eigenvalues(np.exp, logs)
         np.testing.assert_allclose(both["covariance"][n, k], 2.5 * mean, atol=1e-12)
         shares.append(share)
     assert min(shares) < 0.2 < max(shares) == 0.5
@@ -398,7 +404,7 @@ def test_fused_equals_scan_in_corridor():
     for angle in (0.0, math.pi / 6):
         grid = corridor(14.0, 1.6, angle=angle)
         fisher, scan, fused = (
-            covariance_field(grid, config(name)).at((0.0, 0.0), "covariance")
+            covariance_field(grid, make_config(name)).at((0.0, 0.0), "covariance")
             for name in ("fisher", "scan", "fused")
         )
         np.testing.assert_allclose(fused, scan, atol=1e-12)
@@ -406,38 +412,39 @@ def test_fused_equals_scan_in_corridor():
 
 
 def test_fused_e_is_geometric_mean(rooms):
-    fields = [covariance_field(rooms, config(name)) for name in ("fisher", "scan", "fused")]
+    fields = [covariance_field(rooms, make_config(name)) for name in ("fisher", "scan", "fused")]
     known = fields[0].is_evaluated
     e = [field.e[known] for field in fields]
-    shares = np.array([fishers_share(each) for each in fields[1].covariance[known]])
+    shares = np.array([compute_fisher_weight(each) for each in fields[1].covariance[known]])
     assert e[2] == pytest.approx(e[0] ** shares * e[1] ** (1 - shares))
     anchors = [field.anchors("e") for field in fields]
     assert anchors[2][1] == anchors[1][1]  # a featureless place is large
 
 
 def test_estimator_counts_cells_until_stop(rooms, estimator):
-    part = part_of(rooms)
-    found = made(estimator, AHEAD).covariances(part)
+    part = make_map_part(rooms)
+    found = make_estimator(estimator, AHEAD).covariances(part)
     assert all(np.isfinite(values).all() for values in found.values())
     assert part.control.tolist() == [0, 5]
-    stopped = part_of(rooms, control=np.array([1, 0]))
-    found = made(estimator, AHEAD).covariances(stopped)
+    stopped = make_map_part(rooms, control=np.array([1, 0]))
+    found = make_estimator(estimator, AHEAD).covariances(stopped)
     assert all(np.isnan(values).all() for values in found.values())
     assert stopped.control.tolist() == [1, 0]
 
 
-def test_fused_passes_stop_to_fisher(rooms, monkeypatch):
+@pytest.mark.parametrize("kind", [Fisher, Scan])
+def test_fused_passes_stop_to_estimators(kind, rooms, monkeypatch):
     controls = []
 
-    def spied(estimator, part, original=Fisher.covariances):
+    def record_control(estimator, part, original=kind.covariances):
         controls.append(part.control)
         return original(estimator, part)
 
-    monkeypatch.setattr(Fisher, "covariances", spied)
-    part = part_of(rooms)
-    made("fused", AHEAD).covariances(part)
+    monkeypatch.setattr(kind, "covariances", record_control)
+    part = make_map_part(rooms)
+    make_estimator("fused", AHEAD).covariances(part)
     part.control[0] = 1
-    assert controls[0].tolist() == [1]
+    assert controls[0][0] == 1
 
 
 def test_fused_parts_share_lidar_and_window():
@@ -456,12 +463,12 @@ def test_fused_parts_share_lidar_and_window():
 
 
 def test_only_scan_adds_step_variance(rooms):
-    """A match as sharp as can be leaves Q to the scan, and nothing but its own to fisher."""
+    """The least variance of a sharp match is Q for the scan, but much smaller for Fisher."""
     grid = OccupancyGrid(random_rooms((60, 60), seed=3, blocks=40), 0.05)
     sharp = {"effective_beams": 1e6, "sigma_hit": 0.01, "max_beams": 72}
     least = {}
     for name in ("fisher", "scan"):
-        field = covariance_field(grid, config(name, **sharp))
+        field = covariance_field(grid, make_config(name, **sharp))
         variances = np.diagonal(field.covariance[field.is_evaluated], axis1=1, axis2=2)
         least[name] = variances.min(axis=0) / np.diag(field.window.quantisation)
         assert (variances <= np.diag(field.config.estimator.featureless(field.window)) + 1e-9).all()
@@ -470,12 +477,15 @@ def test_only_scan_adds_step_variance(rooms):
 
 
 def test_noise_level_scales_covariance_without_q(rooms, estimator):
-    one, other = made(estimator, AHEAD), replace(made(estimator, AHEAD), noise_level=2.5)
+    one, other = (
+        make_estimator(estimator, AHEAD),
+        replace(make_estimator(estimator, AHEAD), noise_level=2.5),
+    )
     lattice = one.lattice(rooms.resolution)
     q = one.q(lattice)
     assert one.adds_q
     assert q.any() == (estimator == "scan")
-    before, after = (each.covariances(part_of(rooms))["covariance"] for each in (one, other))
+    before, after = (each.covariances(make_map_part(rooms))["covariance"] for each in (one, other))
     np.testing.assert_allclose(after - q, 2.5 * (before - q), rtol=1e-9, atol=1e-12)
     nothing = one.featureless(lattice), other.featureless(lattice)
     np.testing.assert_allclose(nothing[1] - q, 2.5 * (nothing[0] - q), rtol=1e-9, atol=1e-12)
@@ -487,7 +497,7 @@ def test_information_falls_with_squared_sigma(rooms, model):
 
     def information(cell, **settings):
         fisher = Fisher(lidar, window=SMALL, model=model, **settings)
-        part = replace(part_of(rooms), resolution=cell)
+        part = replace(make_map_part(rooms), resolution=cell)
         prior = np.linalg.inv(fisher.lattice(cell).uniform_covariance)
         return np.linalg.inv(fisher.covariances(part)["covariance"]) - prior
 
@@ -503,9 +513,9 @@ def test_information_falls_with_squared_sigma(rooms, model):
 
 
 def test_fisher_scales_with_effective_beams(rooms):
-    """At most `max_beams` in half a turn count, each as the share of an independent one."""
+    """Information is proportional to the effective beams per half turn, at most `max_beams`."""
     many = replace(ALL_ROUND, beams=720)
-    part = part_of(rooms)
+    part = make_map_part(rooms)
 
     def information(lidar, **settings):
         fisher = Fisher(lidar, window=SMALL, **settings)
@@ -522,7 +532,7 @@ def test_fisher_scales_with_effective_beams(rooms):
     )
     fewer = information(many, max_beams=90)
     total, of_fewer = (np.trace(each, axis1=-2, axis2=-1) for each in (all_of_them, fewer))
-    # Another number of beams tells about as much.
+    # Fewer beams have about the same information.
     assert of_fewer.sum() == pytest.approx(total.sum() * 25.2 / 720, rel=0.05)
 
 
@@ -754,12 +764,12 @@ def test_lidar_inside_wall_sees_nothing(estimator):
     cells = np.full((40, 60), FREE, np.uint8)
     cells[:, 40:45] = 0
     sensor = Lidar(range=3.0, beams=60, field_of_view_deg=180.0, mount_x=0.5)
-    field = covariance_field(OccupancyGrid(cells, 0.1), config(estimator, sensor, headings=4))
+    field = covariance_field(OccupancyGrid(cells, 0.1), make_config(estimator, sensor, headings=4))
     assert field.e[10, 18, 0] == pytest.approx(field.anchors()[1])
 
 
 def test_sharp_posteriors_have_finite_mean_information(rooms):
-    wanted = config(
+    wanted = make_config(
         "scan",
         AHEAD,
         headings=4,
@@ -784,7 +794,7 @@ def test_mean_information_accepts_zero_covariance():
 def test_estimator_accepts_uniform_maps(estimator):
     for level in "#. ":
         grid = ascii_map(*[level * 12] * 9, resolution=0.2)
-        field = covariance_field(grid, config(estimator))
+        field = covariance_field(grid, make_config(estimator))
         assert field.is_evaluated.sum() == (108 if level == "." else 0)
 
 

@@ -456,7 +456,7 @@ def test_compared_beams_span_field_of_view():
 
 
 def test_scan_keeps_widely_spaced_beams():
-    """Such are the lasers that the settings are fitted to."""
+    """`Scan` compares all beams that are at least 1 deg apart."""
     for width, beams in ((179.0, 180), (180.0, 181), (180.0, 61)):
         lidar = Settings(range=5.0, field_of_view_deg=width, beams=beams, mount_yaw_deg=-0.5)
         settings = Scan(lidar)

@@ -172,8 +172,8 @@ def test_from_occupancy_rejects_ambiguous_values(values, probabilities, remedy):
         OccupancyGrid.from_occupancy(values, 0.1, probabilities=probabilities)
 
 
-def message(data, yaw=0.0):
-    """Return what has the fields of a nav_msgs/OccupancyGrid of 2 rows and 3 columns."""
+def make_message(data, yaw=0.0):
+    """Return an object with the fields of a nav_msgs/OccupancyGrid of 2 rows and 3 columns."""
     position = SimpleNamespace(x=-1.0, y=2.0, z=0.0)
     orientation = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
     origin = SimpleNamespace(position=position, orientation=orientation)
@@ -183,13 +183,13 @@ def message(data, yaw=0.0):
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, -2.5])
 def test_from_message_reads_cells_and_origin(yaw):
-    grid = OccupancyGrid.from_message(message([0, 100, -1, 0, 0, 0], yaw), "lab")
+    grid = OccupancyGrid.from_message(make_message([0, 100, -1, 0, 0, 0], yaw), "lab")
     assert grid.cells.tolist() == [[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, FREE]]
     assert (grid.resolution, grid.name) == (0.5, "lab")
     np.testing.assert_allclose(grid.origin, (-1.0, 2.0, yaw), atol=1e-12)
 
 
-@pytest.mark.parametrize("wrong", [message([0, 100]), message(None), [0, 100], None])
+@pytest.mark.parametrize("wrong", [make_message([0, 100]), make_message(None), [0, 100], None])
 def test_from_message_rejects_other_objects(wrong):
     with pytest.raises(MapError, match="nav_msgs/OccupancyGrid"):
         OccupancyGrid.from_message(wrong)

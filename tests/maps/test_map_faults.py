@@ -1,4 +1,4 @@
-"""What a map alone shows of its faults, and the map without the inside of its walls."""
+"""Faults that `faults` finds in a map without a recorded drive, and maps with hollow walls."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ SOLID = {
 }
 
 
-def kinds(grid: OccupancyGrid) -> list[str]:
+def list_fault_kinds(grid: OccupancyGrid) -> list[str]:
     return [each.kind for each in faults(grid)]
 
 
@@ -63,12 +63,12 @@ def test_faults_distinguish_solid_from_hollow_blocks():
     assert found.is_solid
     assert np.array_equal(found.cells, hollow_walls(blocks()).cells != blocks().cells)
     assert hollow_walls(blocks()) == blocks(thick=False)
-    assert kinds(blocks(thick=False)) == []
+    assert list_fault_kinds(blocks(thick=False)) == []
 
 
 def test_faults_report_shallow_walls_as_thick(monkeypatch):
     monkeypatch.setattr("locplan.maps.map_faults.MISLEADING_DEPTH", 3.5)
-    found = faults(replace(blocks(), origin=(1.0, 0.0, 0.0)))  # another map, which is checked anew
+    found = faults(replace(blocks(), origin=(1.0, 0.0, 0.0)))  # another map, which is checked again
     assert [(each.kind, each.is_certain) for each in found] == [("thick walls", False)]
     assert not found.is_solid
 
@@ -107,10 +107,17 @@ def test_solidity_is_measured_once_per_map():
     assert first.hollowed_wrong_pose_share <= first.wrong_pose_share / 2
 
 
-def test_solidity_compiles_no_second_kernel():
-    """Each order of an array compiles `add_scores` again, which takes a second of the first run."""
-    measure_solidity(replace(blocks(), origin=(2.0, 0.0, 0.0)))  # another map
-    assert {arguments[2].layout for arguments in add_scores.signatures} == {"C"}
+def test_solidity_scores_poses_in_c_order(monkeypatch):
+    """Numba compiles `add_scores` again for each array order, which takes a second."""
+    is_c_order = set()
+
+    def record_order(scores, ends, poses, count, sums):
+        is_c_order.add(poses.flags.c_contiguous)
+        add_scores(scores, ends, poses, count, sums)
+
+    monkeypatch.setattr("locplan._support.kernels.particles.add_scores", record_order)
+    measure_solidity(replace(blocks(), origin=(2.0, 0.0, 0.0)))  # a map that is not cached
+    assert is_c_order == {True}
 
 
 @pytest.mark.parametrize(("speck", "many"), [(1, True), (3, True), (4, False)])
@@ -120,11 +127,11 @@ def test_specks_have_up_to_three_cells(speck, many):
     for row in range(5, 55, 10):
         for col in range(5, 55, 10):
             cells[row, col : col + speck] = OCCUPIED
-    assert kinds(OccupancyGrid(cells, 0.05)) == ["specks"] * many
-    assert kinds(OccupancyGrid(cells, 0.2)) == []  # fewer than one a square metre
+    assert list_fault_kinds(OccupancyGrid(cells, 0.05)) == ["specks"] * many
+    assert list_fault_kinds(OccupancyGrid(cells, 0.2)) == []  # fewer than one a square metre
     cells[cells == FREE] = UNKNOWN
     cells[30, 30] = FREE
-    assert "specks" not in kinds(OccupancyGrid(cells, 0.05))
+    assert "specks" not in list_fault_kinds(OccupancyGrid(cells, 0.05))
 
 
 def test_specks_do_not_depend_on_bands(monkeypatch):
@@ -141,17 +148,17 @@ def test_faults_name_painted_unknown_space():
     cells = np.full((60, 60), OCCUPIED, np.uint8)
     cells[20:40, 10:50] = FREE
     painted = OccupancyGrid(cells, 0.05)
-    assert "painted unknown" in kinds(painted)
-    assert "painted unknown" not in kinds(hollow_walls(painted))
+    assert "painted unknown" in list_fault_kinds(painted)
+    assert "painted unknown" not in list_fault_kinds(hollow_walls(painted))
     some = np.where(np.arange(60) == 0, UNKNOWN, cells).astype(np.uint8)
-    assert "painted unknown" not in kinds(OccupancyGrid(some, 0.05))
+    assert "painted unknown" not in list_fault_kinds(OccupancyGrid(some, 0.05))
     cells = cells.copy()
     cells[2:58, 2:58] = FREE  # walls of two cells are no painted space
-    assert "painted unknown" not in kinds(OccupancyGrid(cells, 0.05))
-    assert "painted unknown" not in kinds(blocks())  # nor are a few racks
+    assert "painted unknown" not in list_fault_kinds(OccupancyGrid(cells, 0.05))
+    assert "painted unknown" not in list_fault_kinds(blocks())  # nor are a few racks
 
 
-def file_of(folder, name, pixels, free_thresh=0.196):
+def save_and_read_map(folder, name, pixels, free_thresh=0.196):
     Image.fromarray(pixels).save(folder / "lab.png")
     (folder / f"{name}.yaml").write_text(
         "image: lab.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
@@ -167,7 +174,7 @@ def test_mask_is_not_checked_for_walls(tmp_path):
         ("virtual_lab", "solid walls"),
         ("costmap", "solid walls"),
     ):
-        found = faults(*file_of(tmp_path, name, blocks().cells))
+        found = faults(*save_and_read_map(tmp_path, name, blocks().cells))
         assert [each.kind for each in found] == [expected]
 
 
@@ -176,7 +183,7 @@ def test_faults_use_intended_thresholds(tmp_path):
     pixels[:, 30:] = 205  # map_saver's grey, here read as free
     pixels[5:55:2, 35:55:2] = 0  # within it
     pixels[[0, -1]] = pixels[:, [0, -1]] = 0
-    grid, source = file_of(tmp_path, "lab", pixels, free_thresh=0.25)
+    grid, source = save_and_read_map(tmp_path, "lab", pixels, free_thresh=0.25)
     found = faults(grid, source)
     assert [each.kind for each in found] == ["thresholds"]
     assert [each.kind for each in faults(grid)] == ["specks"]
@@ -206,6 +213,6 @@ def test_real_maps_have_expected_solid_walls(real_maps):
 @pytest.mark.parametrize(("values", "is_costmap"), [((50, 253, 254), True), ((0, 252, 254), False)])
 def test_faults_recognize_costmap(tmp_path, values, is_costmap):
     pixels = np.random.default_rng(0).choice(np.array(values, np.uint8), (60, 80))
-    found = faults(*file_of(tmp_path, "lab", pixels))
+    found = faults(*save_and_read_map(tmp_path, "lab", pixels))
     assert ("costmap" in [each.kind for each in found]) == is_costmap
     assert ("this is a costmap, not a map" in found.report()) == is_costmap

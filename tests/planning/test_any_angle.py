@@ -210,12 +210,15 @@ def test_any_angle_plans_at_extreme_contrast():
         assert result.metrics.cost < 40
 
 
-def test_any_angle_rejects_unknown_accuracy():
-    """An unreachable goal is a status, not an error."""
+@pytest.mark.parametrize("accuracy", ["normal", "high"])
+def test_any_angle_reports_unreachable_goal(accuracy):
     costs = costmap_from_density(np.array([[1.0, np.inf, 1.0]]))
-    for accuracy in ("normal", "high"):
-        options = {"planner": "any-angle", "accuracy": accuracy}
-        assert plan(costs, (0.5, 0.5), (2.5, 0.5), **options).status == "unreachable"
+    result = plan(costs, (0.5, 0.5), (2.5, 0.5), planner="any-angle", accuracy=accuracy)
+    assert (result.status, result.path) == ("unreachable", None)
+
+
+def test_any_angle_rejects_unknown_accuracy():
+    costs = costmap_from_density(np.ones((1, 3)))
     with pytest.raises(ConfigError, match="accuracy must be one of"):
         plan(costs, (0.5, 0.5), (0.6, 0.5), planner="any-angle", accuracy="perfect")
 

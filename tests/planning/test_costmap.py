@@ -9,7 +9,7 @@ from support import oracles
 from support.maps import ascii_map, corridor, random_rooms
 
 from locplan._support.kernels import rays
-from locplan.comparison import runs as orders
+from locplan.comparison import runs
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField, FieldConfig, Fisher, Sad, SearchWindow, covariance_field
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, Zone, Zones
@@ -126,8 +126,12 @@ def test_profile_covers_whole_path():
 
 @pytest.mark.parametrize("criterion", ["position_std", "position_rms", "heading_std"])
 def test_costmap_accepts_other_criteria(field, criterion):
-    u = Costmap.from_field(field, criterion=criterion, robot=0.0).u[field.grid.free]
-    assert 0 <= u.min() <= u.max() <= 1
+    """u is the logarithm of the criterion between its own anchors."""
+    costs, (low, high) = Costmap.from_field(field, criterion=criterion), field.anchors(criterion)
+    values = field.interpolate_on_map(field.scalar(criterion, with_q=True))
+    expected = np.clip(np.log(values / low) / np.log(high / low), 0, 1)
+    np.testing.assert_allclose(costs.u, expected)
+    assert np.ptp(expected[field.grid.free]) > 0.05
 
 
 def test_robot_radius_blocks_cells_near_walls(field):
@@ -440,14 +444,14 @@ def test_degenerate_share_counts_u_above_half(u, share):
     assert metrics.longest_degenerate == pytest.approx(4 * share)
 
 
-def layers(costs: Costmap) -> list[np.ndarray]:
+def list_layers(costs: Costmap) -> list[np.ndarray]:
     return [costs.density, costs.u, costs.e, costs.u_of_heading, costs.e_of_heading]
 
 
 def test_costmap_arrays_are_read_only(tmp_path):
     costs = two_headings(3.0)
-    orders.write_costmap(costs, tmp_path / "shared")
-    for each in (
+    runs.write_costmap(costs, tmp_path / "shared")
+    for other in (
         costs,
         costs.with_weight(2.0),
         costs.with_robot(0.6),
@@ -455,13 +459,13 @@ def test_costmap_arrays_are_read_only(tmp_path):
         dataclasses.replace(costs, u=costs.u / 2),
         pickle.loads(pickle.dumps(costs)),
         costs.copy(),
-        orders.read_costmap(tmp_path / "shared"),
-        orders.read_weighted_costmap(tmp_path / "shared", 8.0),
+        runs.read_costmap(tmp_path / "shared"),
+        runs.read_weighted_costmap(tmp_path / "shared", 8.0),
     ):
-        for layer in layers(each):
+        for layer in list_layers(other):
             with pytest.raises(ValueError, match="read-only"):
                 layer[..., 0, 0] = 9.0
-    for theirs, own in zip(layers(costs.copy()), layers(costs), strict=True):
+    for theirs, own in zip(list_layers(costs.copy()), list_layers(costs), strict=True):
         np.testing.assert_array_equal(theirs, own)
         assert not np.shares_memory(theirs, own)
 
@@ -471,8 +475,8 @@ def test_shared_costmap_has_layers_without_field(tmp_path):
     lidar = Lidar(range=1.5, beams=40, field_of_view_deg=180.0)
     field = covariance_field(grid, FieldConfig(Fisher(lidar), headings=4))
     costs = Costmap.from_field(field)
-    orders.write_costmap(costs, tmp_path / "shared")
-    shared = orders.read_costmap(tmp_path / "shared")
+    runs.write_costmap(costs, tmp_path / "shared")
+    shared = runs.read_costmap(tmp_path / "shared")
     assert "u_and_e" in vars(shared.of_heading)
     np.testing.assert_array_equal(shared.u_of_heading, costs.u_of_heading)
     sizes = {file.stat().st_size for file in (tmp_path / "shared").glob("*.raw")}
@@ -481,16 +485,16 @@ def test_shared_costmap_has_layers_without_field(tmp_path):
 
 
 def test_costmap_copies_arrays_of_caller():
-    given = np.ones((2, 3))
-    for view in (given, given[:, ::-1]):
+    array = np.ones((2, 3))
+    for view in (array, array[:, ::-1]):
         costs = dataclasses.replace(two_headings(1.0), u=view)
-        given[0, 0] += 1.0
-        assert (costs.u == given[1, 1]).sum() >= 5
-        assert costs.u.max() < given.max()
+        array[0, 0] += 1.0
+        assert (costs.u == array[1, 1]).sum() >= 5
+        assert costs.u.max() < array.max()
 
 
 @pytest.fixture(scope="module", params=["sad", "fisher"])
-def edited(request) -> tuple[CovarianceField, list[CovarianceField]]:
+def edited_fields(request) -> tuple[CovarianceField, list[CovarianceField]]:
     """A field of rooms, and those of maps with an edit each: inside, at an edge, and none."""
     before = OccupancyGrid(random_rooms((230, 260), seed=4), 0.1)
     seen = Sad(range=1.0) if request.param == "sad" else Fisher(Lidar(range=1.5, beams=40))
@@ -505,8 +509,8 @@ def edited(request) -> tuple[CovarianceField, list[CovarianceField]]:
 
 @pytest.mark.parametrize("robot_radius", [0.0, 0.45])
 @pytest.mark.parametrize("law", ["logarithmic", "cube-root"])
-def test_updated_costmap_equals_new_costmap(edited, robot_radius, law):
-    field, after = edited
+def test_updated_costmap_equals_new_costmap(edited_fields, robot_radius, law):
+    field, after = edited_fields
     zones = Zones([Zone("no-go", box(5, 5, 7, 8)), Zone("prefer", box(2, 2, 20, 6.5))])
     settings = {"weight": 3.0, "robot": robot_radius, "law": law, "zones": zones}
     costs = Costmap.from_field(field, **settings)
@@ -519,9 +523,9 @@ def test_updated_costmap_equals_new_costmap(edited, robot_radius, law):
         assert (updated.settings, updated.weight) == (new.settings, 3.0)
 
 
-def test_update_accepts_field_of_other_points(edited):
+def test_update_accepts_field_of_other_points(edited_fields):
     """The result equals a new costmap."""
-    field, (inside, *_) = edited
+    field, (inside, *_) = edited_fields
     some = np.indices(field.is_evaluated.shape).sum(axis=0) % 2 == 0
     coarse = covariance_field(field.grid, field.config, points=some)
     for before, after in ((coarse, field), (field, coarse), (coarse, inside)):
@@ -533,8 +537,8 @@ def test_update_accepts_field_of_other_points(edited):
         assert updated.settings == new.settings
 
 
-def test_update_reads_only_changed_window(edited, monkeypatch):
-    field, (inside, _, same) = edited
+def test_update_reads_only_changed_window(edited_fields, monkeypatch):
+    field, (inside, _, same) = edited_fields
     costs, sizes = Costmap.from_field(field), []
     from_field = Costmap.from_field
 
@@ -549,8 +553,8 @@ def test_update_reads_only_changed_window(edited, monkeypatch):
     assert sizes[0] < 0.5 * field.grid.cells.size
 
 
-def test_update_rejects_incompatible_fields(edited):
-    field, _ = edited
+def test_update_rejects_incompatible_fields(edited_fields):
+    field, _ = edited_fields
     costs = Costmap.from_field(field)
     with pytest.raises(ConfigError, match="another config than the costmap"):
         Costmap.blank(field.grid).update(field)

@@ -58,14 +58,14 @@ def cluttered(seed: int, kinematics: Kinematics, shape=(10, 12)) -> Costmap:
     return Costmap.from_density(grid, rng.uniform(1.0, 9.0, shape), robot=robot)
 
 
-def states_and_edges(costs: Costmap, planner: Lattice) -> dict:
+def list_lattice_edges(costs: Costmap, planner: Lattice) -> dict:
     """All motions of the lattice by brute force: {(row, col, heading, gear): [(state, cost)]}."""
     grid, kinematics = costs.grid, costs.robot.kinematics
     radius = kinematics.turning_radius / grid.resolution
     half = make_bordered_half_density(costs.density, 1)
     edges = defaultdict(list)
-    found = make_primitives(planner.headings, radius, kinematics is SIDEWAYS, planner.span)
-    for each, row, col in itertools.product(found, *map(range, grid.shape)):
+    primitives = make_primitives(planner.headings, radius, kinematics is SIDEWAYS, planner.span)
+    for each, row, col in itertools.product(primitives, *map(range, grid.shape)):
         local = np.array(each.poses) + np.array([col + 0.5, row + 0.5, 0.0])
         at = local[:, :2] + 1
         touching = (
@@ -104,7 +104,7 @@ def test_lattice_path_cost_equals_brute_force(kinematics, seed):
     planner = Lattice(
         headings=8 if seed else 16, reverse=1.7, gear_change=0.2, turn_cost=0.15, smooth=False
     )
-    edges = states_and_edges(costs, planner)
+    edges = list_lattice_edges(costs, planner)
     rng = np.random.default_rng(seed)
     cells = rng.permutation(np.argwhere(np.isfinite(costs.density)))[:6]
     outcomes = set()
@@ -115,21 +115,21 @@ def test_lattice_path_cost_equals_brute_force(kinematics, seed):
         least = min(
             (cost for state, cost in reached.items() if state[:2] == goal), default=math.inf
         )
-        found = planner.solve(costs, *ends)
-        outcomes.add(found.status)
-        assert (found.path is None) == (least == math.inf)
-        if found.path is None:
-            assert found.status in ("infeasible", "unreachable")
+        result = planner.solve(costs, *ends)
+        outcomes.add(result.status)
+        assert (result.path is None) == (least == math.inf)
+        if result.path is None:
+            assert result.status in ("infeasible", "unreachable")
             continue
-        assert cost_of(costs, found.path, planner) == pytest.approx(least, rel=1e-6)
-        assert LONG.find_first_collision(costs.grid, found.path) is None
-        for pose, cell in zip(found.path.xy[[0, -1]], (start, goal), strict=True):
+        assert compute_path_price(costs, result.path, planner) == pytest.approx(least, rel=1e-6)
+        assert LONG.find_first_collision(costs.grid, result.path) is None
+        for pose, cell in zip(result.path.xy[[0, -1]], (start, goal), strict=True):
             assert costs.grid.cell(pose) == cell
     assert "solved" in outcomes
 
 
-def cost_of(costs: Costmap, path: Path, planner: Lattice) -> float:
-    """What a path costs with the prices of the planner [m]."""
+def compute_path_price(costs: Costmap, path: Path, planner: Lattice) -> float:
+    """Compute the cost of a path with the prices of the planner [m]."""
     total, gear = 0.0, None
     for pose, after in itertools.pairwise(path.poses):
         step, turn = after[:2] - pose[:2], math.remainder(after[2] - pose[2], 2 * math.pi)
@@ -151,7 +151,7 @@ def test_lattice_bound_never_exceeds_cost(kinematics):
     costs = cluttered(3, kinematics)
     planner = Lattice(turn_cost=0.2, gear_change=0.1, reverse=1.3)
     backward = defaultdict(list)
-    for state, steps in states_and_edges(costs, planner).items():
+    for state, steps in list_lattice_edges(costs, planner).items():
         for other, cost in steps:
             backward[other].append((state, cost))
     goal = tuple(np.argwhere(np.isfinite(costs.density))[20].tolist())
@@ -226,9 +226,9 @@ def test_lattice_drives_long_robot_through_gap():
     outline = Footprint([(0.5, 0.12), (0.5, -0.12), (-0.5, -0.12), (-0.5, 0.12)])
     costs = Costmap.blank(grid, robot=Robot(footprint=outline, margin=0.0))
     ends = (0.75, 0.65), (1.35, 2.45)
-    made = plan(costs, *ends, planner="lattice")
-    assert made.status == "solved"
-    assert outline.find_first_collision(grid, made.path) is None
+    result = plan(costs, *ends, planner="lattice")
+    assert result.status == "solved"
+    assert outline.find_first_collision(grid, result.path) is None
     assert np.isinf(Costmap.blank(grid, robot=outline.circumscribed_radius).density[14:18]).all()
 
 
@@ -239,9 +239,9 @@ def test_narrow_gap_is_infeasible_for_lattice():
     outline = Footprint([(0.2, 0.12), (0.2, -0.12), (-0.2, -0.12), (-0.2, 0.12)])
     robot = Robot(footprint=outline, margin=0.0)
     costs = dataclasses.replace(Costmap.blank(grid, robot=0.05), robot=robot)
-    made = plan(costs, (0.5, 0.5), (1.1, 0.5), planner="lattice")
-    assert made.status == "infeasible"
-    assert "16 headings" in made.note
+    result = plan(costs, (0.5, 0.5), (1.1, 0.5), planner="lattice")
+    assert result.status == "infeasible"
+    assert "16 headings" in result.note
     shut = ascii_map(wall, *[rooms] * 3, wall, resolution=0.2)
     blank = dataclasses.replace(Costmap.blank(shut, robot=0.05), robot=robot)
     ends = (0.5, 0.5, 0.0), (1.1, 0.5, 1.0)
@@ -251,10 +251,10 @@ def test_narrow_gap_is_infeasible_for_lattice():
 def test_lattice_legs_keep_heading_at_waypoints():
     costs = Costmap.blank(OccupancyGrid(np.full((60, 60), FREE), 0.1), robot=Robot(kinematics=CAR))
     via = [(3.0, 1.0), (3.0, 3.0)]
-    made = plan(costs, (1.0, 1.0), (1.0, 3.0), planner="lattice", via=via)
-    step, turn = np.hypot(*np.diff(made.path.xy, axis=0).T), np.abs(np.diff(made.path.heading))
+    result = plan(costs, (1.0, 1.0), (1.0, 3.0), planner="lattice", via=via)
+    step, turn = np.hypot(*np.diff(result.path.xy, axis=0).T), np.abs(np.diff(result.path.heading))
     assert (turn * CAR.turning_radius <= step * (1 + 1e-3) + 1e-9).all()
-    assert all(np.hypot(*(made.path.xy - xy).T).min() < 0.1 for xy in via)
+    assert all(np.hypot(*(result.path.xy - xy).T).min() < 0.1 for xy in via)
 
 
 def test_lattice_plan_uses_footprint_argument():
@@ -277,11 +277,11 @@ def corridor_with_a_dead_end(tolerance: float) -> Costmap:
 def test_lattice_stops_within_goal_tolerance():
     """The robot is too long to stand at the goal."""
     start, goal = (0.95, 0.35), (3.62, 0.35)
-    made = plan(corridor_with_a_dead_end(0.25), start, goal, planner="lattice")
-    assert made.status == "solved"
-    assert 0.1 < math.dist(made.path.xy[-1], goal) <= 0.25
-    assert "goal tolerance" in made.note
-    assert made.note.endswith("into its cell if it keeps the robot's margin of 0.05 m")
+    result = plan(corridor_with_a_dead_end(0.25), start, goal, planner="lattice")
+    assert result.status == "solved"
+    assert 0.1 < math.dist(result.path.xy[-1], goal) <= 0.25
+    assert "goal tolerance" in result.note
+    assert result.note.endswith("into its cell if it keeps the robot's margin of 0.05 m")
     ahead = plan(corridor_with_a_dead_end(0.25), (*start, 0.0), (*goal, 0.0), planner="lattice")
     assert ahead.status == "solved"
     back = plan(corridor_with_a_dead_end(0.25), (*start, 0.0), (*goal, np.pi), planner="lattice")
@@ -303,30 +303,31 @@ def test_lattice_stops_beside_blocked_goal(half, tolerance, start):
     sideways = Kinematics(drive="omnidirectional")
     robot = Robot(footprint=outline, margin=0.0, kinematics=sideways, goal_tolerance=tolerance)
     goal = (2.05, 0.45, np.pi / 2)
-    made = plan(Costmap.blank(grid, robot=robot), start, goal, planner="lattice")
-    assert made.status == "solved"
-    assert half - 0.35 <= math.dist(made.path.xy[-1], goal[:2]) <= tolerance
+    result = plan(Costmap.blank(grid, robot=robot), start, goal, planner="lattice")
+    assert result.status == "solved"
+    assert half - 0.35 <= math.dist(result.path.xy[-1], goal[:2]) <= tolerance
+    assert abs(math.remainder(result.path.heading[-1] - goal[2], 2 * math.pi)) <= 0.24
 
 
 def test_outline_masks_are_reused_unchanged():
     costs, planner = cluttered(0, CAR), Lattice()
-    found = make_primitives(16, CAR.turning_radius / costs.grid.resolution, False)
-    masks = make_outline_masks(costs.grid, LONG, found)
+    primitives = make_primitives(16, CAR.turning_radius / costs.grid.resolution, False)
+    masks = make_outline_masks(costs.grid, LONG, primitives)
     before = masks.copy()
     cells = np.argwhere(np.isfinite(costs.density))[[0, -1]].tolist()
     planner.solve(costs, *(costs.grid.position(*cell) for cell in cells))
     same = OccupancyGrid(costs.grid.cells.copy(), costs.grid.resolution, costs.grid.origin)
-    assert make_outline_masks(same, Footprint(LONG.vertices.copy()), found) is masks
+    assert make_outline_masks(same, Footprint(LONG.vertices.copy()), primitives) is masks
     assert np.array_equal(masks, before)
-    assert make_outline_masks(cluttered(1, CAR).grid, LONG, found) is not masks
+    assert make_outline_masks(cluttered(1, CAR).grid, LONG, primitives) is not masks
 
 
 def test_path_ends_keep_requested_headings():
     """The tolerance is half the largest step between the lattice's headings."""
     costs = Costmap.blank(OccupancyGrid(np.full((60, 60), FREE), 0.1), robot=Robot(kinematics=CAR))
-    made = plan(costs, (1.0, 1.0, 0.5), (4.0, 4.0, -2.0), planner="lattice")
+    result = plan(costs, (1.0, 1.0, 0.5), (4.0, 4.0, -2.0), planner="lattice")
     ends = np.array([(1.0, 1.0, 0.5), (4.0, 4.0, -2.0)])
-    for pose, asked in zip(made.path.poses[[0, -1]], ends, strict=True):
+    for pose, asked in zip(result.path.poses[[0, -1]], ends, strict=True):
         assert np.hypot(*(pose - asked)[:2]) <= 0.1
         assert abs(math.remainder(pose[2] - asked[2], 2 * math.pi)) <= 0.24
 
@@ -343,7 +344,7 @@ def test_smoothed_paths_cost_no_more(kinematics):
         if rough is None:
             continue
         path = smooth_path(costs, rough)
-        before, after = (cost_of(costs, one, planner) for one in (rough, path))
+        before, after = (compute_path_price(costs, one, planner) for one in (rough, path))
         assert after <= before * (1 + 1e-4)
         lower += after < 0.995 * before
         assert LONG.find_first_collision(costs.grid, path) is None
@@ -362,10 +363,10 @@ def test_lattice_matches_dubins_curves_without_obstacles():
     rng, excess = np.random.default_rng(2), []
     for _ in range(6):
         start, goal = [(*rng.uniform(9, 21, 2), rng.uniform(-3, 3)) for _ in range(2)]
-        made = plan(costs, start, goal, planner="lattice")
+        result = plan(costs, start, goal, planner="lattice")
         shortest = Motions(costs, "Dubins", 0.8).cost(start, goal)
-        assert np.allclose(made.path.poses[[0, -1]] - [start, goal], 0.0)
-        excess.append(made.metrics.cost / shortest - 1)
+        assert np.allclose(result.path.poses[[0, -1]] - [start, goal], 0.0)
+        excess.append(result.metrics.cost / shortest - 1)
     assert np.mean(excess) < 0.001
 
 
@@ -381,21 +382,27 @@ def test_timeout_note_names_lower_bound():
     costs = Costmap.blank(
         OccupancyGrid(np.full((400, 400), FREE), 0.1), robot=Robot(kinematics=CAR)
     )
-    made = plan(costs, (1.0, 1.0), (38.0, 38.0), planner="lattice", time_limit=1e-6)
-    assert made.status == "timeout"
-    assert re.search(r"at least [\d.]+ m$", made.note)
+    result = plan(costs, (1.0, 1.0), (38.0, 38.0), planner="lattice", time_limit=1e-6)
+    assert result.status == "timeout"
+    assert re.search(r"at least [\d.]+ m$", result.note)
     robot = dataclasses.replace(costs.robot, footprint=LONG, margin=0.05)
     costs = dataclasses.replace(costs, robot=robot)
-    made = plan(costs, (1.0, 1.0), (38.0, 38.0), planner="lattice", time_limit=1e-6)
-    assert made.note.endswith("m if it keeps the robot's margin of 0.05 m")
+    result = plan(costs, (1.0, 1.0), (38.0, 38.0), planner="lattice", time_limit=1e-6)
+    assert result.note.endswith("m if it keeps the robot's margin of 0.05 m")
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{"headings": 12}, {"span": 0}, {"reverse": 1.0}, {"turn_cost": 0.0}, {"gear_change": -1.0}],
+    ("options", "message"),
+    [
+        ({"headings": 12}, "headings must be 8, 16 or 32, not 12"),
+        ({"span": 0}, "span must be a whole number in 1..4, not 0"),
+        ({"reverse": 1.0}, "reverse must be at least 1"),
+        ({"turn_cost": 0.0}, "turn_cost must be a positive number"),
+        ({"gear_change": -1.0}, "gear_change must be at least 0"),
+    ],
 )
-def test_lattice_rejects_options_out_of_range(options):
-    with pytest.raises(ConfigError):
+def test_lattice_rejects_options_out_of_range(options, message):
+    with pytest.raises(ConfigError, match=message):
         Lattice(**options).check()
 
 
@@ -405,9 +412,9 @@ def test_lattice_keeps_margin_if_possible():
     outline = Footprint([(0.25, 0.15), (0.25, -0.15), (-0.25, -0.15), (-0.25, 0.15)])
     robot = Robot(footprint=outline, margin=0.1, goal_tolerance=0.0)
     costs = Costmap.blank(grid, robot=robot)
-    made = plan(costs, (0.5, 0.5), (2.0, 0.5), planner="lattice")
-    assert not made.note
-    assert check_path(grid, made.path, robot).clearance >= 0.1
+    result = plan(costs, (0.5, 0.5), (2.0, 0.5), planner="lattice")
+    assert not result.note
+    assert check_path(grid, result.path, robot).clearance >= 0.1
     ends = (0.5, 0.37, np.pi / 2), (2.0, 0.37, np.pi / 2)  # its front is 0.02 m off the wall
     tight = plan(costs, *ends, planner="lattice")
     assert tight.note.startswith("comes nearer to walls than the robot's margin of 0.1 m: no path")
@@ -416,9 +423,9 @@ def test_lattice_keeps_margin_if_possible():
 
 def test_lattice_solves_start_in_goal_cell():
     costs = Costmap.blank(OccupancyGrid(np.full((60, 60), FREE), 0.1), robot=Robot(kinematics=CAR))
-    made = plan(costs, (2.02, 3.0), (2.07, 3.0), planner="lattice")
-    assert (made.status, made.note) == ("solved", "")
-    assert made.path.length < 0.3
+    result = plan(costs, (2.02, 3.0), (2.07, 3.0), planner="lattice")
+    assert (result.status, result.note) == ("solved", "")
+    assert result.path.length < 0.3
 
 
 def test_lattice_drives_straight_if_radius_huge():
@@ -434,20 +441,20 @@ def test_lattice_drives_straight_if_radius_huge():
 PRICES = MotionPrices(reverse=1.6, gear_change=0.15, turn=0.2)
 
 
-def packed(plane):
+def pack_bits(plane):
     return np.packbits(plane, axis=1, bitorder="little").view(np.uint64)
 
 
-def unpacked(words):
+def unpack_bits(words):
     return np.unpackbits(words.view(np.uint8), axis=1, bitorder="little").astype(bool)
 
 
 def test_widened_bits_equal_plain_loops():
     plane = np.random.default_rng(0).random((3, 192)) < 0.02
     plane[1, 63:66] = plane[2, 191] = True
-    wide = bit_masks.widen_bits(packed(plane))
+    wide = bit_masks.widen_bits(pack_bits(plane))
     for level in range(7):
-        assert np.array_equal(unpacked(wide[level]), oracles.lattice.widened(plane, level))
+        assert np.array_equal(unpack_bits(wide[level]), oracles.lattice.widened(plane, level))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 63, 64, 100])
@@ -460,10 +467,10 @@ def test_run_masks_equal_plain_loops(count):
     runs = np.column_stack([rng.integers(-3, 4, 6), *ends])
     masks = np.zeros((2, shape[0], 2, 3), np.uint64)
     bit_masks.mark_run_collisions(
-        masks, bit_masks.widen_bits(packed(plane)), runs, np.array([1, 2]), margin
+        masks, bit_masks.widen_bits(pack_bits(plane)), runs, np.array([1, 2]), margin
     )
     expected = oracles.lattice.add_runs(plane[:, : shape[1] + 2 * margin], runs, shape)
-    assert np.array_equal(unpacked(masks[1, :, :, 2].copy())[:, : shape[1]], expected)
+    assert np.array_equal(unpack_bits(masks[1, :, :, 2].copy())[:, : shape[1]], expected)
     assert masks.sum(axis=(1, 2)).nonzero()[1].tolist() == [2]
 
 
@@ -474,16 +481,18 @@ def test_collision_masks_equal_plain_loops(kinematics):
     ground = LatticeSearch(costs, 16, 1, PRICES).graph.ground
     rows, columns = costs.grid.shape
     radius = kinematics.turning_radius / costs.grid.resolution
-    found = make_primitives(16, radius, kinematics is SIDEWAYS)
+    primitives = make_primitives(16, radius, kinematics is SIDEWAYS)
     margin, slots = 20, np.zeros(16, int)
     walls = np.pad(costs.grid.cells == OCCUPIED, margin)
     shut = np.pad(np.isinf(costs.density), margin, constant_values=True)
-    for each in found[:: max(1, len(found) // 16)]:
-        slots[each.source] = found.index(each) - [p.source for p in found].index(each.source)
+    for each in primitives[:: max(1, len(primitives) // 16)]:
+        slots[each.source] = primitives.index(each) - [p.source for p in primitives].index(
+            each.source
+        )
         poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
         body = np.argwhere(find_swept_cells(LONG.vertices / costs.grid.resolution, poses, 15)) - 15
         centre = find_centre_cells(each)
-        bits = unpacked(ground.masks[each.source, :, :, slots[each.source]].copy())
+        bits = unpack_bits(ground.masks[each.source, :, :, slots[each.source]].copy())
         for row, col in itertools.product(range(rows), range(columns)):
             at = np.array([row, col]) + margin
             met = any(walls[tuple(at + cell)] for cell in body)
@@ -549,12 +558,12 @@ def test_lattice_searches_equal_plain_dijkstra(kinematics, headings):
         assert cell == start[0] * costs.grid.shape[1] + start[1]
 
 
-def made_drive(kind, turn, sideways=False):
+def make_drive(kind, turn, sideways=False):
     return smoothing.MotionModel(kind, 1e-4 if turn else 2.5, sideways, 1.7, 0.8, turn)
 
 
-def ground_and_poses(seed, kind, blocked=0.02):
-    """A density on a bordered grid, as the kernels and the loops take it, and poses on it."""
+def make_ground_and_poses(seed, kind, blocked=0.02):
+    """Make a density on a bordered grid, for kernels and for plain loops, and poses on it."""
     rng = np.random.default_rng(seed)
     density = rng.uniform(1, 5, (24, 24))
     density[rng.random(density.shape) < blocked] = np.inf
@@ -570,8 +579,8 @@ def ground_and_poses(seed, kind, blocked=0.02):
 def test_smoothing_costs_equal_fine_integration(kind, turn):
     compared = 0
     for seed in range(3):
-        ground, density, poses = ground_and_poses(seed, kind)
-        drive = made_drive(kind, turn, sideways=seed % 2 == 0)
+        ground, density, poses = make_ground_and_poses(seed, kind)
+        drive = make_drive(kind, turn, sideways=seed % 2 == 0)
         length = np.random.default_rng(seed).uniform(-2.5, 3, len(poses))
         to = poses.copy()  # ahead and back, on the spot, and aside by turns
         to[:, 2] += np.where(np.arange(len(to)) % 3 == 0, 0.6, 0.0)
@@ -587,19 +596,19 @@ def test_smoothing_costs_equal_fine_integration(kind, turn):
             cost = smoothing.compute_curve_cost(ground, drive, start, end)
             word = motions.find_shortest_word(kind, drive.radius, start, end)
             expected = oracles.curves.curve_cost(density, drive, *word, start)
-            if math.isfinite(cost):  # the kernel also refuses what touches a corner
+            if math.isfinite(cost):
                 assert cost == pytest.approx(expected, rel=5e-3)
                 compared += 1
             else:
-                assert math.isinf(oracles.curves.curve_cost(density, drive, *word, start)) or turn
+                assert math.isinf(expected)
     assert compared > 10
 
 
 @pytest.mark.parametrize("kind", [DUBINS, REEDS_SHEPP])
 def test_chain_and_knots_equal_plain_loops(kind):
     for seed in range(5):
-        ground, _, knots = ground_and_poses(seed, kind, blocked=0.0)
-        ground, drive = ground._replace(corner_cutting=False), made_drive(kind, 0.0)
+        ground, _, knots = make_ground_and_poses(seed, kind, blocked=0.0)
+        ground, drive = ground._replace(corner_cutting=False), make_drive(kind, 0.0)
         walls = np.random.default_rng(seed).random((24, 24)) < 0.01
         body = smoothing.CollisionMap(sum_occupied_along_rows(walls), LONG.vertices * 5)
         own = np.full(len(knots) - 1, 90.0)
@@ -633,7 +642,7 @@ def test_clear_curve_has_no_colliding_pose():
         walls = rng.random((24, 24)) < 0.004
         start, end = ((*rng.uniform(5, 20, 2), rng.uniform(-3, 3)) for _ in range(2))
         drive, body = (
-            made_drive(DUBINS, 0.0),
+            make_drive(DUBINS, 0.0),
             smoothing.CollisionMap(sum_occupied_along_rows(walls), LONG.vertices * 5),
         )
         clear = smoothing.is_curve_clear(drive, body, start, end)
@@ -651,21 +660,21 @@ MAP_DRIVES = {
 }
 
 
-def flooded(costs: Costmap, starts: list[tuple[int, int]]) -> list[np.ndarray]:
-    """The cells that 16 headings reach from each cell by any motions, from plain shifts of the map.
+def find_reachable_cells(costs: Costmap, starts: list[tuple[int, int]]) -> list[np.ndarray]:
+    """Return the cells that motions with 16 headings reach from each start, by plain map shifts.
 
-    The outline must sweep no occupied cell, the centre touch no blocked one.
+    The outline must sweep no occupied cell, and the centre must touch no blocked cell.
     """
     shape, robot = costs.grid.shape, costs.robot
     radius = robot.kinematics.turning_radius / costs.grid.resolution
-    found = make_primitives(16, radius, False)
-    farthest = max(np.abs(np.array(each.poses)[:, :2]).max() for each in found)
+    primitives = make_primitives(16, radius, False)
+    farthest = max(np.abs(np.array(each.poses)[:, :2]).max() for each in primitives)
     body = robot.outline.circumscribed_radius / costs.grid.resolution
     reach = math.ceil(farthest + body) + 2
     walls = np.pad(costs.grid.cells == OCCUPIED, reach)
     blocked = np.pad(np.isinf(costs.density), reach, constant_values=True)
     number, sources, targets = np.arange(costs.density.size).reshape(shape), [], []
-    for each in found:
+    for each in primitives:
         corners = robot.outline.vertices / costs.grid.resolution
         poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
         met = np.zeros(shape, bool)
@@ -706,14 +715,16 @@ def test_lattice_solves_every_reachable_query(real_maps, drive):
         free = np.argwhere(np.isfinite(blank.density))
         rng = np.random.default_rng(seed)
         starts, goals = rng.choice(free, (2, 20)).tolist()
-        for start, goal, reached in zip(starts, goals, flooded(costs, starts), strict=True):
-            made = plan(costs, *(grid.position(*at) for at in (start, goal)), planner="lattice")
-            assert (made.path is not None) == reached[*goal], (name, start, goal, made.note)
-            assert made.status in ("solved", "infeasible", "unreachable")
-            if made.path is None:
+        for start, goal, reached in zip(
+            starts, goals, find_reachable_cells(costs, starts), strict=True
+        ):
+            result = plan(costs, *(grid.position(*at) for at in (start, goal)), planner="lattice")
+            assert (result.path is not None) == reached[*goal], (name, start, goal, result.note)
+            assert result.status in ("solved", "infeasible", "unreachable")
+            if result.path is None:
                 continue
             solved += 1
-            assert check_path(grid, made.path, robot).drivable
-            assert WIDE.find_first_collision(grid, made.path) is None
-            assert math.isfinite(made.metrics.cost)
+            assert check_path(grid, result.path, robot).drivable
+            assert WIDE.find_first_collision(grid, result.path) is None
+            assert math.isfinite(result.metrics.cost)
     assert solved >= 26

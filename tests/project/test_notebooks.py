@@ -15,8 +15,8 @@ PROJECT = Path(__file__).resolve().parents[2]
 FOLDER = PROJECT / "examples" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 MAX_BYTES = 400_000
-MADE_BY = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
-OF_A_MACHINE = re.compile(r"/home/|/root|/tmp|/work|/Users|[A-Z]:\\\\|site-packages|\.venv")
+METADATA = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
+LOCAL_FOLDER = re.compile(r"/home/|/root|/tmp|/work|/Users|[A-Z]:\\\\|site-packages|\.venv")
 
 
 PARTS = (("stdout", "a"), ("stdout", "b"), ("stderr", "c"))
@@ -30,8 +30,8 @@ def code_cells(file: Path) -> list[dict]:
     return [cell for cell in read(file)["cells"] if cell["cell_type"] == "code"]
 
 
-def texts_of(file: Path) -> str:
-    """All texts of a notebook, without its pictures."""
+def read_texts(file: Path) -> str:
+    """Return all texts of a notebook, without its pictures."""
     cells = read(file)["cells"]
     for cell in cells:
         for output in cell.get("outputs", []):
@@ -46,7 +46,7 @@ def test_there_are_two_notebooks():
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
 def test_notebook_is_stored_executed_and_small(file):
     assert file.stat().st_size < MAX_BYTES
-    assert read(file)["metadata"] == MADE_BY
+    assert read(file)["metadata"] == METADATA
     cells = code_cells(file)
     assert 8 <= len(read(file)["cells"]) <= 16
     assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
@@ -59,12 +59,12 @@ def test_notebook_is_stored_executed_and_small(file):
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
 def test_notebook_names_no_local_folder(file):
-    assert not OF_A_MACHINE.search(texts_of(file))
+    assert not LOCAL_FOLDER.search(read_texts(file))
 
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
 def test_notebook_links_and_index_entries_exist(file):
-    for link in re.findall(r"\]\(([^)\s]+)\)", texts_of(file)):
+    for link in re.findall(r"\]\(([^)\s]+)\)", read_texts(file)):
         assert (FOLDER / link).is_file(), link
     for index in (PROJECT / "examples" / "README.md", FOLDER.parent / "guides" / "README.md"):
         assert f"notebooks/{file.name})" in index.read_text("utf-8")
@@ -93,8 +93,14 @@ def test_notebook_run_repeats_output_kinds(file, execute):
 
 
 @pytest.mark.long
-def test_notebook_runs_in_project_folder(execute):
-    execute.executed(NOTEBOOKS[0], PROJECT)
+def test_notebook_runs_in_project_folder(execute, tmp_path):
+    from nbformat.v4 import new_code_cell
+
+    notebook = execute.nbformat.read(NOTEBOOKS[0], as_version=4)
+    notebook.cells.append(new_code_cell("import os; os.getcwd()"))
+    execute.nbformat.write(notebook, tmp_path / "copy.ipynb")
+    last = execute.executed(tmp_path / "copy.ipynb", PROJECT).cells[-1]
+    assert last.outputs[0].data["text/plain"] == repr(str(PROJECT))
 
 
 @pytest.mark.long

@@ -71,16 +71,6 @@ def test_smac2d_has_no_motion_model():
     assert robot.kinematics == Kinematics(drive="omnidirectional")
 
 
-def test_kinematics_follow_planner_in_use():
-    name = "drive_of_smac/hybrid_default.yaml"
-    robot, notes = load(name)
-    assert robot.kinematics == Kinematics()
-    assert "Hybrid is car-like with a turning radius of 0.9 m, forwards only" in notes[0]
-    assert load(name, planner="Hybrid")[0].kinematics == Kinematics(
-        drive="car-like", turning_radius=0.9, reverse=False
-    )
-
-
 def test_comment_before_declaration_is_read():
     assert Lidar.from_file(REPORTS / "xml" / "comment_first.sdf").range == 8.0
 

@@ -105,25 +105,12 @@ def test_notebooks_show_pictures(grid, field, costs, plan):
         assert len(np.unique(np.asarray(image.convert("L")))) > 2
 
 
-def test_path_converts_to_list_and_array(plan, tmp_path):
+def test_path_converts_to_list_and_array(plan):
     path = plan.path
     assert len(path) == len(path.xy) == len(list(path))
     assert next(iter(path)) == ENDS[0]
     np.testing.assert_array_equal(np.asarray(path), path.xy)
     assert np.asarray(path, dtype=np.float32).dtype == np.float32
-
-
-@pytest.mark.parametrize("heading", [None, np.array([0.1, -3.0, 2.0])])
-def test_loaded_path_equals_saved_path(tmp_path, heading):
-    path = Path(np.array([[0.25, 1.0], [2.0, -3.5], [4.0, 4.125]]), heading)
-    path.save(tmp_path / "p.csv")
-    again = Path.load(tmp_path / "p.csv")
-    np.testing.assert_allclose(again.xy, path.xy, atol=5e-7)
-    assert (again.heading is None) == (heading is None)
-    with pytest.raises(LocplanError, match=r"must end in \.csv"):
-        path.save(tmp_path / "p.json")
-    with pytest.raises(LocplanError, match="there is no such file"):
-        Path.load(tmp_path / "none.csv")
 
 
 def test_map_equality_ignores_names(grid):

@@ -1,7 +1,6 @@
 """What a call or a command can ask for is bounded by the machine, before any work."""
 
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -203,12 +202,3 @@ def test_random_queries_reject_negative_seed():
     costs = locplan.Costmap.blank(GRID)
     with pytest.raises(ConfigError, match="seed"):
         random_queries(costs, 2, -1, min_distance=1.0)
-
-
-def test_compare_names_missing_extra_before_work(run, room, no_work, monkeypatch, tmp_path):
-    def mine(costs, start, goal):
-        return None
-
-    monkeypatch.setitem(sys.modules, "cloudpickle", None)
-    with pytest.raises(LocplanError, match=r"locplan\[functions\]"):
-        compare(room, [mine])

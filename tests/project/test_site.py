@@ -159,13 +159,13 @@ def test_help_becomes_tables(reference):
 
 def test_reference_lists_files_of_results(reference):
     declared = [files for by_words in reference.RESULTS.values() for files in by_words.values()]
-    only_in_python = {"faults", "path-check", "plan", "trajectory", "choices"}
+    only_in_python = {"faults", "path-check", "plan", "trajectory"}
     kinds = {
         kind.files.kind
         for kind in find_subclasses(Result)
         if "files" in vars(kind) and kind.__module__.startswith("locplan.")
     }
-    assert kinds - only_in_python <= {files.kind for files in declared}
+    assert kinds - {files.kind for files in declared} == only_in_python
 
 
 def find_subclasses(kind):

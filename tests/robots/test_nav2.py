@@ -32,14 +32,14 @@ robot2/amcl:
 """
 
 
-def written(folder, text):
+def write(folder, text):
     file = folder / "nav2.yaml"
     file.write_text(text)
     return file
 
 
 def amcl(folder, text, robot=""):
-    return read_parameters(f"{written(folder, text)}{robot}").read_node_parameters("amcl")
+    return read_parameters(f"{write(folder, text)}{robot}").read_node_parameters("amcl")
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_wildcards_match_names_as_in_rclcpp(tmp_path, name, fits):
     found = set()
     for robot in ("/", "robot1", "fleet/robot1"):
         try:
-            own = read_parameters(f"{written(tmp_path, text)}:{robot}").read_node_parameters("amcl")
+            own = read_parameters(f"{write(tmp_path, text)}:{robot}").read_node_parameters("amcl")
         except LocplanError:
             continue
         found |= {robot} if "alpha1" in own else set()
@@ -89,13 +89,13 @@ def test_plugins_settings_are_parameters_with_dots(tmp_path):
 
 
 def test_amcl_reads_parameters_of_all_nodes(tmp_path):
-    file = written(tmp_path, BESIDE + SHARED)
+    file = write(tmp_path, BESIDE + SHARED)
     found = read_amcl(file)  # robot_radius, which others read, is no warning
     assert (found.alpha1, found.alpha2) == (0.3, 0.1)
-    file = written(tmp_path, SHARED)
+    file = write(tmp_path, SHARED)
     assert read_amcl(file).alpha1 == 0.3
     assert Robot.load(file).footprint == 0.4
-    file = written(tmp_path, "/**: {ros__parameters: {use_sim_time: true}}\n")
+    file = write(tmp_path, "/**: {ros__parameters: {use_sim_time: true}}\n")
     with pytest.raises(LocplanError, match="has no parameters of amcl"):
         read_amcl(file)
 
@@ -103,20 +103,22 @@ def test_amcl_reads_parameters_of_all_nodes(tmp_path):
 def test_single_namespace_needs_no_robot_name(tmp_path):
     text = "robot1: {amcl: {ros__parameters: {alpha1: 0.5}}}\n"
     for namespaced in (text, text.replace("robot1", "<robot_namespace>"), "/**" + text[6:]):
-        assert read_amcl(written(tmp_path, namespaced)).alpha1 == 0.5
+        assert read_amcl(write(tmp_path, namespaced)).alpha1 == 0.5
 
 
 def test_several_robots_are_chosen_by_name(tmp_path):
-    file = written(tmp_path, FLEET)
-    with pytest.raises(LocplanError, match="several robots, '/robot1', '/robot2'; name one"):
-        read_amcl(file)
+    file = write(tmp_path, FLEET)
+    for read in (read_amcl, Robot.load):
+        with pytest.raises(LocplanError, match="several robots, '/robot1', '/robot2'; name one"):
+            read(file)
     for robot, alpha2, radius in (("robot1", 0.1, 0.2), ("/robot2", 0.2, 0.5)):
-        found = read_amcl(f"{file}:{robot}")
-        assert (found.alpha1, found.alpha2) == (0.3, alpha2)
-        assert Robot.load(f"{file}:{robot}").footprint == radius
+        amcl_settings = read_amcl(f"{file}:{robot}")
+        assert (amcl_settings.alpha1, amcl_settings.alpha2) == (0.3, alpha2)
+        loaded = Robot.load(f"{file}:{robot}")
+        assert (loaded.filter, loaded.footprint) == (amcl_settings, radius)
     with pytest.raises(LocplanError, match="has no robot '/robot3'; it has '/robot1', '/robot2'"):
         read_amcl(f"{file}:robot3")
-    root = written(tmp_path, FLEET + BESIDE)
+    root = write(tmp_path, FLEET + BESIDE)
     assert read_amcl(f"{root}:/").alpha2 == 0.1
 
 
@@ -138,7 +140,7 @@ def test_parameter_file_name_may_contain_colon(tmp_path):
     ],
 )
 def test_edit_changes_active_value(tmp_path, text, robot, line, new):
-    file = written(tmp_path, text)
+    file = write(tmp_path, text)
     made = edit_parameters(f"{file}{robot}", "amcl", {"alpha1": 0.05}).decode()
     assert made == text.replace(line, new)
     file.write_text(made)
@@ -146,15 +148,15 @@ def test_edit_changes_active_value(tmp_path, text, robot, line, new):
 
 
 def test_edit_adds_missing_value_to_node(tmp_path):
-    file = written(tmp_path, FLEET)
+    file = write(tmp_path, FLEET)
     made = edit_parameters(f"{file}:robot1", "amcl", {"alpha3": 0.05}).decode()
     assert made == FLEET.replace("{alpha2: 0.1}", "{alpha3: 0.05, alpha2: 0.1}")
     everywhere = "/**/amcl: {ros__parameters: {beta: 1}}\n"
-    made = edit_parameters(written(tmp_path, BESIDE + everywhere), "amcl", {"alpha3": 0.05})
+    made = edit_parameters(write(tmp_path, BESIDE + everywhere), "amcl", {"alpha3": 0.05})
     assert (
         made.decode() == BESIDE.replace("    alpha1", "    alpha3: 0.05\n    alpha1") + everywhere
     )
-    file = written(tmp_path, "# mine\n" + SHARED)
+    file = write(tmp_path, "# mine\n" + SHARED)
     made = edit_parameters(file, "amcl", {"alpha2": 0.05}).decode()
     assert made == "# mine\namcl: {ros__parameters: {alpha2: 0.05}}\n" + SHARED
 
@@ -163,7 +165,7 @@ def test_export_merges_masks_into_named_robot(tmp_path):
     grid = OccupancyGrid(np.full((20, 30), FREE, np.uint8), 0.1)
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
     costs = Costmap.from_field(field, robot=0.15)
-    file = written(tmp_path, FLEET)
+    file = write(tmp_path, FLEET)
     nav2_speed(tmp_path / "mask", costs, params=f"{file}:robot1")
     merged = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
     before = yaml.safe_load(FLEET)

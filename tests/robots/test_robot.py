@@ -42,13 +42,13 @@ URDF = """<robot><gazebo><sensor name="tim" type="ray"><pose>0.2 0 0 0 0 0</pose
 """
 
 
-def written(folder, text: str, name: str = "robot.yaml") -> Path:
+def write_file(folder, text: str, name: str = "robot.yaml") -> Path:
     (folder / name).write_text(text)
     return folder / name
 
 
 def from_nav2(folder, text: str) -> Robot:
-    return Robot.load(written(folder, text, "nav2.yaml"))
+    return Robot.load(write_file(folder, text, "nav2.yaml"))
 
 
 # The robot and its settings
@@ -219,9 +219,9 @@ def test_robot_is_saved_only_as_yaml(tmp_path):
 def test_later_robot_file_overrides_earlier_file(tmp_path):
     saved = tmp_path / "saved.yaml"
     FULL.save(saved)
-    urdf = written(tmp_path, URDF, "robot.urdf")
-    nav2 = written(tmp_path, "amcl: {ros__parameters: {alpha1: 0.1}}", "nav2.yaml")
-    own = written(tmp_path, "robot: {margin: 0.02, lidar: tim571}", "own.yaml")
+    urdf = write_file(tmp_path, URDF, "robot.urdf")
+    nav2 = write_file(tmp_path, "amcl: {ros__parameters: {alpha1: 0.1}}", "nav2.yaml")
+    own = write_file(tmp_path, "robot: {margin: 0.02, lidar: tim571}", "own.yaml")
     robot = Robot.load(saved, nav2, urdf)
     assert robot.lidar == Lidar.from_file(urdf)
     assert robot.filter == dataclasses.replace(FULL.amcl, alpha1=0.1)
@@ -234,7 +234,7 @@ def test_later_robot_file_overrides_earlier_file(tmp_path):
 
 
 def test_robot_takes_lidar_from_description(tmp_path):
-    robot = Robot.load(written(tmp_path, URDF, "robot.URDF"))
+    robot = Robot.load(write_file(tmp_path, URDF, "robot.URDF"))
     assert (robot.lidar.range, robot.lidar.beams, robot.lidar.mount_x) == (25.0, 271, 0.2)
     assert robot == Robot(robot.lidar)
 
@@ -256,7 +256,7 @@ def test_robot_takes_lidar_from_description(tmp_path):
 )
 def test_robot_file_errors_are_one_line(tmp_path, text, said):
     with pytest.raises(LocplanError, match=f"robot.yaml: {said}") as fault:
-        Robot.load(written(tmp_path, text))
+        Robot.load(write_file(tmp_path, text))
     assert "\n" not in str(fault.value)
 
 
@@ -331,11 +331,3 @@ def test_robot_warns_about_unsimulated_parameters(tmp_path):
     with pytest.warns(ParameterWarning, match=said):
         robot = from_nav2(tmp_path, f"amcl: {{ros__parameters: {{{own}}}}}")
     assert robot.filter == Amcl(laser_model_type="likelihood_field_prob", recovery_alpha_slow=0.001)
-
-
-def test_robot_is_loaded_by_namespace(tmp_path):
-    amcl = "amcl: {ros__parameters: {alpha1: %s}}"
-    file = written(tmp_path, f"one: {{{amcl % 0.1}}}\ntwo: {{{amcl % 0.3}}}")
-    assert Robot.load(f"{file}:two").filter.alpha1 == 0.3
-    with pytest.raises(LocplanError, match="has several robots"):
-        Robot.load(file)
