@@ -132,9 +132,9 @@ def undrawn(monkeypatch):
 
 @pytest.fixture
 def coarse_fit(monkeypatch):
-    """Moves that fit a drive to a map are searched in cells of half a metre, which takes a part.
+    """Search moves that fit a drive to a map in cells of half a metre, which is faster.
 
-    For tests of what is said of a fit; those in test_map_fit.py hold the search itself.
+    For tests of sentences on a fit; test_map_fit.py tests the search.
     """
     monkeypatch.setattr("locplan.recordings.map_fit.FINEST", 0.5)
 

@@ -65,14 +65,14 @@ def costs():
     return Costmap.from_layers(grid, u=u, weight=8.0, robot=0.25)
 
 
-def exported(folder, costs, params=PARAMS, **settings):
+def export_keepout(folder, costs, params=PARAMS, **settings):
     (folder / "own.yaml").write_text(params)
     with warnings.catch_warnings(record=True, action="always"):  # what is added and changed
         return nav2_keepout(folder / "m", costs, params=folder / "own.yaml", **settings)
 
 
 def test_export_keeps_parameter_comments(tmp_path, costs):
-    exported(tmp_path, costs)
+    export_keepout(tmp_path, costs)
     text = (tmp_path / "m" / "nav2.yaml").read_text()
     for line in ("# The robot of hall 3.", "global_frame: map  # not odom", "# The old one."):
         assert line in text
@@ -90,7 +90,7 @@ def test_export_keeps_parameter_comments(tmp_path, costs):
 
 def test_default_planner_keeps_its_type(tmp_path, costs):
     """Nav2 gives GridBased a type only if no other planner is listed."""
-    exported(tmp_path, costs, PARAMS.replace('plugin: "nav2_navfn_planner::N', 'note: "N'))
+    export_keepout(tmp_path, costs, PARAMS.replace('plugin: "nav2_navfn_planner::N', 'note: "N'))
     server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
     assert server["ros__parameters"]["planner_plugins"] == ["GridBased", "Localizability"]
     default = server["ros__parameters"]["GridBased"]["plugin"]
@@ -105,7 +105,7 @@ def test_keepout_export_avoids_navfn(tmp_path, costs):
     assert found.planner.name == "smac2d"
     large = OccupancyGrid(np.full((1001, 1000), 254, np.uint8), 0.1)
     wide = Costmap.from_layers(large, u=np.zeros(large.shape), robot=0.1)
-    assert exported(tmp_path, wide).planner.name == "thetastar"
+    assert export_keepout(tmp_path, wide).planner.name == "thetastar"
     assert "Its paths zigzag" in (tmp_path / "m" / "README.md").read_text()
 
 
@@ -118,7 +118,7 @@ def test_keepout_export_avoids_navfn(tmp_path, costs):
 )
 def test_readme_explains_planner_selection(tmp_path, costs, distro, words):
     slashes = PARAMS.replace("planner::Nav", "planner/Nav") if distro == "humble" else PARAMS
-    exported(tmp_path, costs, slashes, distro=distro)
+    export_keepout(tmp_path, costs, slashes, distro=distro)
     text = (tmp_path / "m" / "README.md").read_text()
     assert words in text
     assert ('/planner_selector std_msgs/msg/String "{data: Localizability}"' in text) == (
@@ -130,7 +130,7 @@ def test_readme_explains_planner_selection(tmp_path, costs, distro, words):
 @pytest.mark.parametrize("tree", [SELECTING, NAMING])
 def test_behavior_tree_uses_exported_planner(tmp_path, costs, tree, planner):
     (tmp_path / "own.xml").write_text(tree)
-    exported(tmp_path, costs, planner=planner, tree=tmp_path / "own.xml")
+    export_keepout(tmp_path, costs, planner=planner, tree=tmp_path / "own.xml")
     text = (tmp_path / "m" / "tree.xml").read_text()
     root = ElementTree.fromstring(text)
     if tree is SELECTING:
@@ -150,21 +150,21 @@ def test_behavior_tree_uses_exported_planner(tmp_path, costs, tree, planner):
     assert "topic pub" not in (tmp_path / "m" / "README.md").read_text()
     # The tree of an export is one's own, too.
     (tmp_path / "own.xml").write_text(text)
-    exported(tmp_path, costs, planner=planner, tree=tmp_path / "own.xml")
+    export_keepout(tmp_path, costs, planner=planner, tree=tmp_path / "own.xml")
     assert (tmp_path / "m" / "tree.xml").read_text() == text
 
 
 def test_behavior_tree_replaces_unselected_planner(tmp_path, costs):
-    """Some trees take the planner's name from the blackboard, where nothing of ours puts it."""
+    """Without a PlannerSelector, nothing sets the planner's name on the tree's blackboard."""
     (tmp_path / "own.xml").write_text(NAMING.replace("GridBased", "{planner_id}"))
-    exported(tmp_path, costs, planner="smac2d", tree=tmp_path / "own.xml")
+    export_keepout(tmp_path, costs, planner="smac2d", tree=tmp_path / "own.xml")
     assert "{planner_id}" not in (tmp_path / "m" / "tree.xml").read_text()
 
 
 def test_behavior_tree_accepts_single_quotes(tmp_path, costs):
     for tree in (SELECTING, NAMING):
         (tmp_path / "own.xml").write_text(tree.replace('"', "'"))
-        exported(tmp_path, costs, planner="thetastar", tree=tmp_path / "own.xml")
+        export_keepout(tmp_path, costs, planner="thetastar", tree=tmp_path / "own.xml")
         text = (tmp_path / "m" / "tree.xml").read_text()
         assert "GridBased" not in text
         assert 'smoothed_path="{path}"' in text
@@ -182,7 +182,7 @@ def test_behavior_tree_accepts_single_quotes(tmp_path, costs):
 def test_parameters_include_smoother_of_tree(tmp_path, costs, own, names):
     (tmp_path / "own.xml").write_text(NAMING)
     params = f"{PARAMS}smoother_server: {{ros__parameters: {own}}}\n"
-    exported(tmp_path, costs, params, planner="thetastar", tree=tmp_path / "own.xml")
+    export_keepout(tmp_path, costs, params, planner="thetastar", tree=tmp_path / "own.xml")
     merged = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())
     server = merged["smoother_server"]["ros__parameters"]
     assert server.get("smoother_plugins") == names
@@ -195,11 +195,11 @@ def test_parameters_include_smoother_of_tree(tmp_path, costs, own, names):
 
 @pytest.mark.parametrize("namespace", ["", "/r1"])
 def test_topics_use_robot_namespace(tmp_path, costs, namespace):
-    """Nav2's own names of them are relative."""
+    """Nav2's topics are relative, so a namespace prefixes their names."""
     params = PARAMS
     if namespace:
         params = f"r1:\n  {params.strip().replace(chr(10), chr(10) + '  ')}\n"
-    exported(tmp_path, costs, params)
+    export_keepout(tmp_path, costs, params)
     text = (tmp_path / "m" / "README.md").read_text()
     assert f"reliable {namespace}/planner_selector std_msgs" in text
     nav2_speed(tmp_path / "speed", costs, params=tmp_path / "own.yaml", lead=0.4)
@@ -232,7 +232,7 @@ def test_export_rejects_tree_without_planning(tmp_path, costs):
 
 def test_export_reports_planner_path(tmp_path, costs):
     aware = plan(costs, (2, 3), (38, 3)).path
-    found = exported(tmp_path, costs, paths={"aware": aware})
+    found = export_keepout(tmp_path, costs, paths={"aware": aware})
     (smac,) = found.paths
     assert (smac.planner, smac.name) == ("smac2d", "aware")
     assert smac.is_equivalent
@@ -242,19 +242,6 @@ def test_export_reports_planner_path(tmp_path, costs):
     assert f"Path of smac2d (aware): {smac.verdict_text}" in text
     about = json.loads((tmp_path / "m" / "export.json").read_text())
     assert about["conversion"]["paths"][0]["ratio"] == smac.ratio
-
-
-def test_export_warns_if_planner_deviates(tmp_path, costs):
-    around = plan(costs, (2, 3), (38, 3)).path
-    with pytest.warns(RobotWarning, match=r"around passes 0\.4. m from walls at \(\d+\.\d\d, "):
-        assert nav2_keepout(tmp_path / "m", costs, paths={"around": around}).paths[0].is_equivalent
-    settings = {"planner_param": 0.5, "paths": {"around": around}}  # far too little
-    with pytest.warns(
-        RobotWarning, match="smac2d does not take around .*m-routes has it as a route"
-    ):
-        found = nav2_keepout(tmp_path / "m", costs, **settings)
-    assert not found.paths[0].is_equivalent
-    assert (tmp_path / "m-routes" / "graph.geojson").is_file()
 
 
 DECLARED = {
@@ -276,9 +263,9 @@ humble has no use_quadratic_cost_penalty."""
 @pytest.mark.parametrize("distro", sample_cases(["jazzy", "humble"]))
 @pytest.mark.parametrize("planner", ["smac2d", "smac-hybrid", "thetastar"])
 def test_parameter_types_match_nav2(tmp_path, costs, planner, distro):
-    """Another type ends a node when it starts."""
+    """A Nav2 node exits at startup if a parameter has another type than declared."""
     slashes = PARAMS.replace("planner::Nav", "planner/Nav") if distro == "humble" else PARAMS
-    exported(tmp_path, costs, slashes, planner=planner, distro=distro)
+    export_keepout(tmp_path, costs, slashes, planner=planner, distro=distro)
     own = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())
     ours = own["planner_server"]["ros__parameters"]["Localizability"]
     declared = {**DECLARED}

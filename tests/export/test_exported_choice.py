@@ -41,50 +41,56 @@ def field():
 
 
 @pytest.fixture(scope="module")
-def driven(field):
+def recommendation(field):
     costs = Costmap.from_field(field, robot=ROBOT)
-    own = {"around": plan(Costmap.blank(field.grid), START, GOAL, via=[(20.0, 12.0)]).path}
+    candidates = {"around": plan(Costmap.blank(field.grid), START, GOAL, via=[(20.0, 12.0)]).path}
     ends = field.grid, START, GOAL, ROBOT
     settings = {"rival": None, "weight": 3.0}
-    return recommend(*ends, costs=costs, candidates=own, drives=4, **settings)
+    return recommend(*ends, costs=costs, candidates=candidates, drives=4, **settings)
 
 
-def taking(choice, name):
+def recommend_candidate(choice, name):
     """The choice that takes the candidate of this name."""
     leader = [each.name for each in choice.candidates].index(name)
-    judged = dataclasses.replace(choice.judgement, leader=leader, verdict="better")
-    made = [dataclasses.replace(each, arrivals=None) for each in choice.candidates]
-    return dataclasses.replace(choice, judgement=judged, candidates=tuple(made))
+    judgement = dataclasses.replace(choice.judgement, leader=leader, verdict="better")
+    candidates = [dataclasses.replace(each, arrivals=None) for each in choice.candidates]
+    return dataclasses.replace(choice, judgement=judgement, candidates=tuple(candidates))
 
 
-def tuned_better(choice):
+def add_better_rival(choice):
     """The choice whose rival, another filter, has a tenth of the error."""
-    driven = choice.shortest.driven
-    log_error = driven.log_error - np.log(10.0)
-    rival = dataclasses.replace(driven, log_error=log_error, lost=np.zeros_like(driven.lost))
+    drives = choice.shortest.driven
+    log_error = drives.log_error - np.log(10.0)
+    rival = dataclasses.replace(drives, log_error=log_error, lost=np.zeros_like(drives.lost))
     settings = dataclasses.replace(choice.settings, rival=RecommendationSettings().rival)
-    candidates = [dataclasses.replace(each, driven=driven) for each in choice.candidates]
-    made = {"rival": rival, "settings": settings, "candidates": tuple(candidates)}
-    return dataclasses.replace(choice, **made)
+    candidates = [dataclasses.replace(each, driven=drives) for each in choice.candidates]
+    changes = {"rival": rival, "settings": settings, "candidates": tuple(candidates)}
+    return dataclasses.replace(choice, **changes)
 
 
-def test_candidate_path_is_cheapest_on_costmap(driven):
-    names = [each.name for each in driven.candidates]
+def test_candidate_path_is_cheapest_on_costmap(recommendation):
+    names = [each.name for each in recommendation.candidates]
     assert {"shortest", "detour 1", "around"} <= {*names}
     assert AWARE in names
-    for each in driven.candidates:
-        costs = taking(driven, each.name).costmap() if each.name != "shortest" else None
-        costs = costs or dataclasses.replace(driven, judgement=None).costmap()
+    for each in recommendation.candidates:
+        costs = (
+            recommend_candidate(recommendation, each.name).costmap()
+            if each.name != "shortest"
+            else None
+        )
+        costs = costs or dataclasses.replace(recommendation, judgement=None).costmap()
         cheapest = plan(costs, START, GOAL).metrics.cost
         assert path_metrics(costs, each.path).cost <= 1.03 * cheapest, each.name
 
 
-def test_recommendation_costmap_respects_max_e(driven):
-    limit = float(np.nanquantile(driven.costs.e, 0.9))
-    settings = dataclasses.replace(driven.settings, max_e=limit)
-    costs = dataclasses.replace(taking(driven, "detour 1"), settings=settings).costmap()
+def test_recommendation_costmap_respects_max_e(recommendation):
+    limit = float(np.nanquantile(recommendation.costs.e, 0.9))
+    settings = dataclasses.replace(recommendation.settings, max_e=limit)
+    costs = dataclasses.replace(
+        recommend_candidate(recommendation, "detour 1"), settings=settings
+    ).costmap()
     passable = np.isfinite(costs.density)
-    assert costs.e[passable].max() <= limit < np.nanmax(driven.costs.e)
+    assert costs.e[passable].max() <= limit < np.nanmax(recommendation.costs.e)
 
 
 def test_recommendation_without_drives_returns_field_costmap(field):
@@ -93,20 +99,20 @@ def test_recommendation_without_drives_returns_field_costmap(field):
     assert planned.costmap() is planned.costs
 
 
-def exported(folder, *args, **settings):
+def export_keepout(folder, *args, **settings):
     with warnings.catch_warnings(record=True, action="always") as caught:
-        found = nav2_keepout(folder, *args, **settings)
-    return found, [str(each.message) for each in caught]
+        conversion = nav2_keepout(folder, *args, **settings)
+    return conversion, [str(each.message) for each in caught]
 
 
-def test_keepout_mask_matches_recommended_path(tmp_path, driven):
-    choice = taking(driven, "around")
-    found, said = exported(tmp_path / "m", choice)
+def test_keepout_mask_matches_recommended_path(tmp_path, recommendation):
+    choice = recommend_candidate(recommendation, "around")
+    conversion, warning_texts = export_keepout(tmp_path / "m", choice)
     values, _ = compute_keepout_mask(choice.costmap())
     image = (tmp_path / "m" / "mask.pgm").read_bytes()[-values.size :]
     assert (np.frombuffer(image, np.int8).reshape(values.shape)[::-1] == values).all()
-    assert [(each.name, each.is_equivalent) for each in found.paths] == [("around", True)]
-    (line,) = said
+    assert [(each.name, each.is_equivalent) for each in conversion.paths] == [("around", True)]
+    (line,) = warning_texts
     assert line.startswith("smac2d's path for around passes 0.35 m from walls at (16.15, 11.85)")
     assert "Source: the recommended path, around, for" in (tmp_path / "m/README.md").read_text()
     about = json.loads((tmp_path / "m/export.json").read_text())
@@ -114,41 +120,42 @@ def test_keepout_mask_matches_recommended_path(tmp_path, driven):
     assert not (tmp_path / "m-routes").exists()
 
 
-def test_export_adds_graph_if_planner_deviates(tmp_path, driven):
-    choice = taking(driven, "around")
-    found, said = exported(tmp_path / "m", choice, planner_param=0.01)
-    assert not found.paths[0].is_equivalent
-    assert said == [
-        f"smac2d does not take around ({found.paths[0].verdict_text});"
+def test_export_adds_graph_if_planner_deviates(tmp_path, recommendation):
+    choice = recommend_candidate(recommendation, "around")
+    conversion, warning_texts = export_keepout(tmp_path / "m", choice, planner_param=0.01)
+    assert not conversion.paths[0].is_equivalent
+    assert warning_texts == [
+        f"smac2d does not take around ({conversion.paths[0].verdict_text});"
         f" {tmp_path / 'm-routes'} has it as a route graph"
     ]
     assert "around,1," in (tmp_path / "m-routes/routes.csv").read_text()
+    assert (tmp_path / "m-routes/graph.geojson").is_file()
     assert "smac2d does not take around" in (tmp_path / "m/README.md").read_text()
 
 
-def test_export_warns_about_missing_route_graph(tmp_path, driven):
-    """It comes nearer to walls than the costmap's robot may."""
-    costs = driven.costs
+def test_export_warns_about_missing_route_graph(tmp_path, recommendation):
+    """A path nearer to walls than the robot may be has no route graph."""
+    costs = recommendation.costs
     near = plan(Costmap.blank(costs.grid, robot=0.05), START, GOAL, via=[(20.0, 12.0)]).path
     settings = {"planner_param": 0.01, "paths": {"near": near}}
-    _, (line,) = exported(tmp_path / "m", costs, **settings)
+    _, (line,) = export_keepout(tmp_path / "m", costs, **settings)
     assert "it has no route graph: path near leaves the map's free space" in line
     assert (tmp_path / "m" / "mask.pgm").is_file()
     assert not (tmp_path / "m-routes").exists()
 
 
-def test_readme_puts_tuning_advice_first(tmp_path, driven):
-    choice = tuned_better(taking(driven, "around"))
+def test_readme_puts_tuning_advice_first(tmp_path, recommendation):
+    choice = add_better_rival(recommend_candidate(recommendation, "around"))
     (advice,) = choice.advice
     assert advice.startswith("Tune the filter first")
-    exported(tmp_path / "m", choice)
+    export_keepout(tmp_path / "m", choice)
     lines = (tmp_path / "m/README.md").read_text().splitlines()
     assert lines[2] == f"- {advice}"
 
 
-def test_advice_rejects_tuning_without_effect(tmp_path, driven):
-    """A hall in which the lidar sees nothing brings no robot home with any filter."""
-    choice = tuned_better(taking(driven, "around"))
+def test_advice_rejects_tuning_without_effect(tmp_path, recommendation):
+    """If the lidar sees too few walls, the robot gets lost with every filter."""
+    choice = add_better_rival(recommend_candidate(recommendation, "around"))
     rival = dataclasses.replace(choice.rival, lost=np.ones_like(choice.rival.lost))
     shortest = choice.candidates[0]
     metrics = dataclasses.replace(shortest.metrics, degenerate_share=0.8)
@@ -161,12 +168,12 @@ def test_advice_rejects_tuning_without_effect(tmp_path, driven):
         f" the robot gets lost in {count} of {count} drives on the shortest path."
         " The lidar sees too few walls on 80 % of the shortest path.",
     ]
-    exported(tmp_path / "m", choice)
+    export_keepout(tmp_path / "m", choice)
     assert "first" not in (tmp_path / "m/README.md").read_text().lower()
 
 
-def test_loaded_recommendation_needs_its_field(tmp_path, driven, field):
-    choice = taking(driven, AWARE)
+def test_loaded_recommendation_needs_its_field(tmp_path, recommendation, field):
+    choice = recommend_candidate(recommendation, AWARE)
     choice.save(tmp_path / "planned")
     loaded = Recommendation.load(tmp_path / "planned")
     with pytest.raises(ConfigError, match="call with_field"):
@@ -180,23 +187,25 @@ def test_loaded_recommendation_needs_its_field(tmp_path, driven, field):
         loaded.with_field(covariance_field(other, field.config))
 
 
-def test_costmap_rejects_recommendation_without_path(driven):
-    nothing = dataclasses.replace(driven, candidates=(), judgement=None, status="unreachable")
+def test_costmap_rejects_recommendation_without_path(recommendation):
+    nothing = dataclasses.replace(
+        recommendation, candidates=(), judgement=None, status="unreachable"
+    )
     with pytest.raises(ConfigError, match="the recommendation has no path: The goal is"):
         nothing.costmap()
 
 
-def test_command_exports_recommendation(run, tmp_path, driven):
-    grid = driven.costs.grid
+def test_command_exports_recommendation(run, tmp_path, recommendation):
+    grid = recommendation.costs.grid
     save_map(grid, tmp_path / "lab.yaml")
-    tuned_better(taking(driven, AWARE)).save(tmp_path / "planned")
+    add_better_rival(recommend_candidate(recommendation, AWARE)).save(tmp_path / "planned")
     line = "export", tmp_path / "lab.yaml"
     line += "--choice", tmp_path / "planned", "--to"
     (tmp_path / "nav2.yaml").write_text(
         "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.3}}}\n"
     )
-    given = "--robot", tmp_path / "nav2.yaml"
-    code, shown, _ = run(*line, "nav2-keepout", *given, "-o", tmp_path / "m")
+    robot_options = "--robot", tmp_path / "nav2.yaml"
+    code, shown, _ = run(*line, "nav2-keepout", *robot_options, "-o", tmp_path / "m")
     assert code == 0
     assert shown.index("Tune the filter first") < shown.index("planner ")
     own = yaml.safe_load((tmp_path / "m/nav2.yaml").read_text())
@@ -205,20 +214,22 @@ def test_command_exports_recommendation(run, tmp_path, driven):
         json.loads((tmp_path / "m/export.json").read_text())["choice"]["recommended_name"] == AWARE
     )
     run(*line, "path", "-o", tmp_path / "path.csv")
-    np.testing.assert_allclose(Path.load(tmp_path / "path.csv").xy, taking(driven, AWARE).path.xy)
+    np.testing.assert_allclose(
+        Path.load(tmp_path / "path.csv").xy, recommend_candidate(recommendation, AWARE).path.xy
+    )
     words = "--lidar has no effect with --choice"
     assert words in check_refusal(run(*line, "path", "--lidar", "turtlebot4"))
     assert "--choice has no effect with --to" in check_refusal(run(*line, "nav2-speed"))
 
 
 @pytest.mark.long
-def test_command_exports_recommendations_as_routes(run, tmp_path, driven):
-    grid = driven.costs.grid
+def test_command_exports_recommendations_as_routes(run, tmp_path, recommendation):
+    grid = recommendation.costs.grid
     save_map(grid, tmp_path / "lab.yaml")
-    near = dataclasses.replace(driven, candidates=(), judgement=None, status="unreachable")
+    near = dataclasses.replace(recommendation, candidates=(), judgement=None, status="unreachable")
     for name, choice in (
-        ("there", taking(driven, "around")),
-        ("short", taking(driven, "shortest")),
+        ("there", recommend_candidate(recommendation, "around")),
+        ("short", recommend_candidate(recommendation, "shortest")),
         ("nowhere", near),
     ):
         choice.save(tmp_path / "planned" / name)
@@ -240,7 +251,7 @@ def test_command_exports_recommendations_as_routes(run, tmp_path, driven):
         run(*line, "path", *again)
     )
     assert "has no recommendation" in check_refusal(run(*line, "path", "--choice", tmp_path))
-    other = dataclasses.replace(driven, robot=dataclasses.replace(ROBOT, footprint=0.3))
+    other = dataclasses.replace(recommendation, robot=dataclasses.replace(ROBOT, footprint=0.3))
     other.save(tmp_path / "other")
     refusal = check_refusal(
         run(*routes, there, "--choice", tmp_path / "other", "-o", tmp_path / "t")

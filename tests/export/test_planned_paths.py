@@ -30,7 +30,7 @@ def corridors():
     return Costmap.from_field(field, weight=8.0, robot=0.25)
 
 
-def inflated(radius, factor, inscribed=0.2255):
+def make_inflation(radius, factor, inscribed=0.2255):
     inflation = Inflation(inflation_radius=radius, cost_scaling_factor=factor)
     return CostmapInflation("inflation_layer", inflation, inscribed)
 
@@ -52,7 +52,7 @@ ENDS = (
     sample_cases([(0.55, 10.0), (1.5, 1.5), (0.7, 3.0), (1.0, 3.0)], 2, are_rows=True),
 )
 def test_inflation_does_not_hide_mask(corridors, name, radius, factor):
-    inflation = inflated(radius, factor)
+    inflation = make_inflation(radius, factor)
     values, conversion = compute_keepout_mask(corridors, planner=name, inflation=inflation)
     assert conversion.saturated_share == 0
     cost = planned.compute_costmap_costs(
@@ -74,9 +74,11 @@ def test_inflation_costs_equal_nav2_costs():
     for radius, factor in ((0.55, 10.0), (1.0, 2.5)):
         walls = np.where(cells == 0, ros_readers.LETHAL, 0).astype(np.uint8)
         expected = ros_readers.inflation(walls, 0.1, 0.23, radius, factor)
-        np.testing.assert_array_equal(inflated(radius, factor, 0.23).compute_costs(grid), expected)
+        np.testing.assert_array_equal(
+            make_inflation(radius, factor, 0.23).compute_costs(grid), expected
+        )
     empty = dataclasses.replace(grid, cells=np.full((5, 5), FREE))
-    assert not inflated(0.7, 3.0).compute_costs(empty).any()
+    assert not make_inflation(0.7, 3.0).compute_costs(empty).any()
 
 
 @pytest.mark.parametrize(
@@ -120,7 +122,7 @@ global_costmap:
 """
 
 
-def exported(folder, costs, params=PARAMS, **settings):
+def export_keepout(folder, costs, params=PARAMS, **settings):
     """The conversion of an exported mask, what was warned of, and the README."""
     (folder / "own.yaml").write_text(params)
     settings = {"params": folder / "own.yaml"} | settings
@@ -133,7 +135,7 @@ def exported(folder, costs, params=PARAMS, **settings):
 def test_masked_path_keeps_room_for_follower(tmp_path, corridors):
     """A real follower stopped up to 15 times where the masked path passed 0.33 m from walls."""
     ours = plan(corridors, (2, 3), (38, 3)).path
-    conversion, texts, readme = exported(tmp_path, corridors, paths={"aware": ours})
+    conversion, texts, readme = export_keepout(tmp_path, corridors, paths={"aware": ours})
     (path,) = conversion.paths
     assert path.is_equivalent
     assert path.least_clearance >= 0.39
@@ -150,7 +152,7 @@ def test_masked_path_keeps_room_for_follower(tmp_path, corridors):
 def test_export_offers_steeper_inflation_with_cost(tmp_path, corridors):
     ours = plan(corridors, (2, 3), (38, 3)).path
     wide = PARAMS.replace("radius: 0.7", "radius: 1.5").replace("factor: 3.0", "factor: 1.5")
-    conversion, texts, readme = exported(tmp_path, corridors, wide, paths={"aware": ours})
+    conversion, texts, readme = export_keepout(tmp_path, corridors, wide, paths={"aware": ours})
     assert not conversion.paths[0].is_equivalent
     (option,) = [text for text in texts if "cost_scaling_factor: 10.0 (yours is 1.5)" in text]
     charged = [k * np.exp(-f * 0.4) for k, f in ((10.542, 10), (10.542, 1.5), (2.0, 1.5))]
@@ -165,12 +167,12 @@ ROBOT = Robot(footprint=0.22, margin=0.01)
 
 @pytest.mark.parametrize("change", [{"footprint": 0.4}, {"margin": 0.2}, {"inflation_radius": 1.2}])
 def test_robot_settings_change_mask(tmp_path, change):
-    """They come from --set."""
+    """A mask depends on the robot's size, margin and inflation, which `--set` changes."""
     grid = OccupancyGrid(random_rooms((70, 110), seed=6), 0.1)
     masks = []
     for robot in (ROBOT, ROBOT.with_settings(change)):
         costs = Costmap.from_layers(grid, u=np.full(grid.shape, 0.3), robot=robot)
-        exported(tmp_path, costs)
+        export_keepout(tmp_path, costs)
         masks.append((tmp_path / "mask" / "mask.pgm").read_bytes())
     assert masks[0] != masks[1]
 
@@ -181,6 +183,6 @@ def test_mask_keeps_only_door_open(tmp_path):
     cells[:, 60], cells[27:33, 60] = 0, FREE
     costs = Costmap.from_layers(OccupancyGrid(cells, 0.1), u=np.full(cells.shape, 0.1), robot=ROBOT)
     path = plan(costs, (2.0, 3.0), (10.0, 3.0)).path
-    conversion, texts, _ = exported(tmp_path, costs, paths={"door": path})
+    conversion, texts, _ = export_keepout(tmp_path, costs, paths={"door": path})
     assert conversion.closed_gaps == ()
     assert any("smac2d's path for door passes 0.2" in text for text in texts)

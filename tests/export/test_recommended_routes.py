@@ -99,7 +99,7 @@ def test_cheapest_path_keeps_edge_costs(costs, paths):
 
 
 def test_edge_cost_adjustment_is_minimal():
-    """A triangle whose detour is recommended; one each way; and two ways between the same nodes."""
+    """A detour of a triangle becomes cheapest; if routes conflict, the heavier one wins."""
     nodes = np.array([[0.0, 0.0], [10.0, 0.0], [5.0, 8.0]])
     edges = np.array([[0, 1], [0, 2], [1, 2], [1, 0], [2, 0], [2, 1]])
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)

@@ -133,7 +133,7 @@ def test_info_reports_ambiguous_places(run, tmp_path):
     _, out, _ = run("info", tmp_path / "room.yaml", *lidar, "--json")
     assert json.loads(out)["ambiguous"] == {"share": found.share, "starts": found.starts.tolist()}
     _, out, _ = run("info", tmp_path / "room.yaml")
-    assert "ambiguous" not in out
+    assert "ambiguous to one scan" not in out
 
 
 def test_info_explains_unknown_ambiguous_places(run, tmp_path):

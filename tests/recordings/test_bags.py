@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import shutil
 import sys
 from dataclasses import replace
@@ -34,17 +35,17 @@ LIDAR = Lidar(
 CIRCLE = Lidar(range=9.0, field_of_view_deg=360.0, beams=8, mount_x=-0.1, mount_yaw_deg=10.0)
 
 
-def drive(lidar=LIDAR, count=8) -> Recording:
+def make_drive(lidar=LIDAR, count=8) -> Recording:
     random = np.random.default_rng(5)
     turn = np.linspace(3.0, 3.5, count)  # past pi
     poses = np.column_stack([np.linspace(0, 2, count), np.linspace(1, 1.5, count), turn])
-    reported = [compose((0.3, 0.2, 0.1 + 0.01 * n), pose) for n, pose in enumerate(poses)]
+    odometry = [compose((0.3, 0.2, 0.1 + 0.01 * n), pose) for n, pose in enumerate(poses)]
     ranges = random.uniform(0.5, 8.5, (count, lidar.beams)).astype(np.float32)
     ranges[2, 1] = np.inf
-    return Recording(ranges, lidar, poses, BEGIN + 0.1 * np.arange(count), reported)
+    return Recording(ranges, lidar, poses, BEGIN + 0.1 * np.arange(count), odometry)
 
 
-def same(read: Recording, wanted: Recording, tolerance: float = 1e-9) -> None:
+def check_equal_recordings(read: Recording, wanted: Recording, tolerance: float = 1e-9) -> None:
     np.testing.assert_array_equal(read.ranges, wanted.ranges)
     np.testing.assert_array_equal(read.times, message_times(wanted))
     for ours, theirs in ((read.poses, wanted.poses), (read.odometry, wanted.odometry)):
@@ -59,32 +60,32 @@ def same(read: Recording, wanted: Recording, tolerance: float = 1e-9) -> None:
 
 def test_bag_reader_accepts_repeated_yaml_anchors(tmp_path):
     """The library ruamel.yaml warns of repeated anchors."""
-    path = write_drive(tmp_path, drive(), "mcap")
+    path = write_drive(tmp_path, make_drive(), "mcap")
     about = path / "metadata.yaml"
     first, second, rest = about.read_text().split(": ", 2)
     about.write_text(f"{first}: &a {second}: &a {rest}")  # an anchor twice
-    same(read_recording(path), drive())
+    check_equal_recordings(read_recording(path), make_drive())
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("lidar", [LIDAR, CIRCLE], ids=["part", "circle"])
 def test_loaded_bag_equals_written_drive(tmp_path, kind, lidar):
-    wanted = drive(lidar)
+    wanted = make_drive(lidar)
     path = write_drive(tmp_path, wanted, kind)
     read = read_recording(path)
-    same(read, wanted)
+    check_equal_recordings(read, wanted)
     lidar = replace(lidar, range_sigma=read.lidar.range_sigma)
     assert replace(read.lidar, mount_x=round(read.lidar.mount_x, 5)) == lidar
     assert read.source.scans == "/scan"
     assert read.source.poses == "TF map -> base_link"
     assert read.source.odometry == "TF odom -> base_link"
     assert (read.source.lidar_frame, read.source.notes) == ("laser", ())
-    same(read_recording(path, every=3), wanted.subsample(3))
+    check_equal_recordings(read_recording(path, every=3), wanted.subsample(3))
     if kind != "ros1":  # the file in the folder is a bag, too
         (file,) = (each for each in path.iterdir() if each.suffix != ".yaml")
-        same(read_recording(file), wanted)
+        check_equal_recordings(read_recording(file), wanted)
         (path / "metadata.yaml").unlink()
-        same(read_recording(path), wanted)
+        check_equal_recordings(read_recording(path), wanted)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +97,9 @@ def test_loaded_bag_equals_written_drive(tmp_path, kind, lidar):
     ],
 )
 def test_compressed_bag_equals_written_drive(tmp_path, kind, packed):
-    same(read_recording(write_drive(tmp_path, drive(), kind, packed)), drive())
+    check_equal_recordings(
+        read_recording(write_drive(tmp_path, make_drive(), kind, packed)), make_drive()
+    )
 
 
 @pytest.mark.parametrize(
@@ -108,7 +111,7 @@ def test_compressed_bag_equals_written_drive(tmp_path, kind, packed):
     ],
 )
 def test_bag_reader_limits_unpacked_size(tmp_path, monkeypatch, kind, packed, limit):
-    path = write_drive(tmp_path, drive(), kind, packed)
+    path = write_drive(tmp_path, make_drive(), kind, packed)
     monkeypatch.setattr(f"locplan.recordings.bags.{limit}", 1)
     with pytest.raises(RecordingError, match="unpacks to over"):
         read_recording(path)
@@ -118,7 +121,7 @@ def test_bag_reader_limits_unpacked_size(tmp_path, monkeypatch, kind, packed, li
 def test_small_drive_survives_bag_conversion(tmp_path, kind):
     small = Recording.load(FILE)
     small = replace(small, times=small.times + BEGIN)
-    same(read_recording(write_drive(tmp_path, small, kind)), small)
+    check_equal_recordings(read_recording(write_drive(tmp_path, small, kind)), small)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +133,7 @@ def test_real_logs_survive_bag_conversion(tmp_path, kind, name):
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
     log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
     path = write_drive(tmp_path, log, kind)
-    same(read_recording(path), log)
+    check_equal_recordings(read_recording(path), log)
     assert read_recording(path).lidar == log.lidar
 
 
@@ -165,7 +168,7 @@ def test_interpolation_skips_gaps_with_motion(tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_upside_down_lidar_has_reversed_beams(tmp_path, kind):
-    wanted = drive()
+    wanted = make_drive()
     lidar = wanted.lidar
     with open_bag(tmp_path, kind) as (path, bag):
         mount = (lidar.mount_x, 0.0, lidar.mount_yaw)
@@ -174,12 +177,12 @@ def test_upside_down_lidar_has_reversed_beams(tmp_path, kind):
         for time, pose, ranges in zip(wanted.times, wanted.poses, wanted.ranges, strict=True):
             bag.tf(time, bag.transform(time, "map", "base_link", pose))
             bag.scan(time, lidar, ranges[::-1])
-    same(read_recording(path), replace(wanted, odometry=None))
+    check_equal_recordings(read_recording(path), replace(wanted, odometry=None))
 
 
 def test_bag_reader_normalizes_scan_angles(tmp_path):
     """Clockwise scans are reversed, and scans with other angles are resampled."""
-    wanted, lidar = drive(), LIDAR
+    wanted, lidar = make_drive(), LIDAR
     first, last = float(lidar.angles[0]), float(lidar.angles[-1])
     with open_bag(tmp_path, "mcap") as (path, bag):
         mount = (lidar.mount_x, 0.0, lidar.mount_yaw)
@@ -194,7 +197,7 @@ def test_bag_reader_normalizes_scan_angles(tmp_path):
     read = read_recording(path)
     ranges = wanted.ranges.copy()
     ranges[3, 0] = np.inf
-    same(read, replace(wanted, ranges=ranges, odometry=None))
+    check_equal_recordings(read, replace(wanted, ranges=ranges, odometry=None))
     assert read.source.notes == ("1 of 8 scans were resampled to the angles of the first one",)
 
 
@@ -210,9 +213,9 @@ def test_full_circle_drops_repeated_beam(tmp_path):
     np.testing.assert_allclose(read.ends()[0, 2], [0.0, 3.0], atol=1e-5)
 
 
-def poses_only(folder, *topics, scan="/scan"):
+def write_poses_without_tf(folder, *topics, scan="/scan"):
     """A bag with some topics of poses and no TF."""
-    wanted = drive()
+    wanted = make_drive()
     with open_bag(folder, "mcap") as (path, bag):
         for n, time in enumerate(wanted.times):
             for topic in topics:
@@ -229,7 +232,7 @@ def poses_only(folder, *topics, scan="/scan"):
 
 
 @pytest.mark.parametrize(
-    ("topics", "options", "found"),
+    ("topics", "options", "pose_topic"),
     [
         (("/amcl_pose", "/odom"), {}, "/amcl_pose"),
         (("/amcl_pose", "/initialpose", "/mocap", "/odom"), {}, "/amcl_pose"),
@@ -239,13 +242,13 @@ def poses_only(folder, *topics, scan="/scan"):
         (("/odom",), {"pose_topic": "/odom"}, "/odom"),
     ],
 )
-def test_pose_topics_replace_missing_tf(tmp_path, topics, options, found):
-    path, wanted = poses_only(tmp_path, *topics)
+def test_pose_topics_replace_missing_tf(tmp_path, topics, options, pose_topic):
+    path, wanted = write_poses_without_tf(tmp_path, *topics)
     read = read_with(path, **options)
-    assert read.source.poses == found
-    poses = wanted.odometry if "odom" in found else wanted.poses
+    assert read.source.poses == pose_topic
+    poses = wanted.odometry if "odom" in pose_topic else wanted.poses
     np.testing.assert_allclose(read.poses[:, :2], poses[:, :2], atol=1e-9)
-    assert (read.odometry is None) == ("/odom" not in topics or found == "/odom")
+    assert (read.odometry is None) == ("/odom" not in topics or pose_topic == "/odom")
     assert "there is no TF: the lidar is assumed at the robot's centre" in read.source.notes[0]
     assert (read.lidar.mount_x, read.lidar.mount_y) == (0.0, 0.0)
     mounted = read_with(path, **options, mount=(0.2, 0.0, math.radians(30.0)))
@@ -254,7 +257,7 @@ def test_pose_topics_replace_missing_tf(tmp_path, topics, options, found):
 
 
 def test_odometry_carries_amcl_poses_to_scans(tmp_path):
-    """It tells few, long apart; in between the robot goes there and back."""
+    """AMCL publishes few poses, and between them the robot drives there and back."""
     count = 31
     along = np.abs(np.linspace(-1.5, 1.5, count))
     poses = np.column_stack([along, 0.1 * np.arange(count), np.linspace(2.5, 4.0, count)])
@@ -279,7 +282,7 @@ def test_odometry_carries_amcl_poses_to_scans(tmp_path):
 
 
 def test_bag_reader_names_competing_topics(tmp_path):
-    path, _ = poses_only(tmp_path, "/a/mocap", "/b/mocap")
+    path, _ = write_poses_without_tf(tmp_path, "/a/mocap", "/b/mocap")
     with pytest.raises(
         RecordingError, match="poses on /a/mocap and /b/mocap; choose one with pose"
     ):
@@ -331,7 +334,7 @@ def test_bag_reader_accepts_bag_without_poses(tmp_path):
 
 
 def test_bag_errors_name_missing_data(tmp_path):
-    def refused(words, kind="mcap", write=lambda bag: None, **options):
+    def check_refusal(words, kind="mcap", write=lambda bag: None, **options):
         shutil.rmtree(tmp_path / "drive_mcap", ignore_errors=True)
         with open_bag(tmp_path, kind) as (path, bag):
             write(bag)
@@ -349,22 +352,24 @@ def test_bag_errors_name_missing_data(tmp_path):
 
         return write
 
-    refused(r"has no scans \(sensor_msgs/LaserScan\); its topics are none")
-    refused(
+    check_refusal(r"has no scans \(sensor_msgs/LaserScan\); its topics are none")
+    check_refusal(
         r"has no scans .* are /mocap \(geometry_msgs/PoseStamped\); record the lidar",
         write=lambda bag: bag.plain_pose(BEGIN, (0, 0, 0)),
     )
-    refused("has no poses: neither TF nor", write=lambda bag: bag.scan(BEGIN, LIDAR, np.ones(7)))
-    refused(
+    check_refusal(
+        "has no poses: neither TF nor", write=lambda bag: bag.scan(BEGIN, LIDAR, np.ones(7))
+    )
+    check_refusal(
         "TF does not connect 'map' with 'base_link'; connected are: .*base_link - laser - odom",
         write=with_frames(("odom", "base_link"), ("map", "dock")),
     )
-    refused(
+    check_refusal(
         "TF does not connect 'world' with 'base_link'; connected are: base_link - laser - odom;",
         write=with_frames(("odom", "base_link")),
         map_frame="world",
     )
-    refused(
+    check_refusal(
         "not connect the lidar's frame 'laser' with the robot's 'base_link'; connected at some",
         write=with_frames(("map", "base_link"), base="other"),
     )
@@ -374,13 +379,13 @@ def test_bag_errors_name_missing_data(tmp_path):
         moves(bag)
         bag.scan(BEGIN + 0.1, LIDAR, np.ones(7))
 
-    refused("the lidar 'laser' moves relative to 'base_link'", write=turning)
-    refused(
+    check_refusal("the lidar 'laser' moves relative to 'base_link'", write=turning)
+    check_refusal(
         "has no frame 'robot'; set base_frame= to one of: base_link, laser, map",
         write=with_frames(("map", "base_link")),
         base_frame="robot",
     )
-    refused(
+    check_refusal(
         r"has no scan on /scan in the window",
         write=with_frames(("map", "base_link")),
         window=(5.0, 6.0),
@@ -394,26 +399,28 @@ def test_bag_errors_name_missing_data(tmp_path):
         for n in range(2):
             bag.plain_pose(BEGIN + n, (n, 0, 0))
 
-    refused("no scan has a pose: /mocap covers .* check that both use the same clock", write=late)
+    check_refusal(
+        "no scan has a pose: /mocap covers .* check that both use the same clock", write=late
+    )
 
     def not_numbers(bag):
         bag.scan(BEGIN, LIDAR, np.ones(7))
         bag.plain_pose(BEGIN, (math.nan, 0, 0))
 
-    refused("all poses of /mocap are invalid", write=not_numbers)
+    check_refusal("all poses of /mocap are invalid", write=not_numbers)
 
     def out_of_range(bag):
         bag.scan(BEGIN, LIDAR, np.full(7, 2000.0))
         bag.plain_pose(BEGIN, (0, 0, 0))
 
-    refused("no beam of 1 scans ends within 0.1 to 9 m", write=out_of_range)
+    check_refusal("no beam of 1 scans ends within 0.1 to 9 m", write=out_of_range)
 
     def tilted(bag):
         fixed = bag.transform(BEGIN, "base_link", "laser", (0, 0, 0), pitch=math.radians(30))
         bag.tf(BEGIN, fixed, topic="/tf_static")
         bag.scan(BEGIN, LIDAR, np.ones(7))
 
-    refused("the lidar 'laser' is tilted by 30 deg", write=tilted)
+    check_refusal("the lidar 'laser' is tilted by 30 deg", write=tilted)
 
 
 def test_bag_reader_rejects_backward_clock(tmp_path):
@@ -431,7 +438,7 @@ def test_bag_reader_rejects_backward_clock(tmp_path):
 
 
 def test_bag_reader_sorts_scans_by_stamp(tmp_path):
-    wanted = drive()
+    wanted = make_drive()
     with open_bag(tmp_path, "mcap") as (path, bag):
         for n in (0, 2, 1, 3, 3, 4, 5, 6, 7):
             time = wanted.times[n]
@@ -444,7 +451,7 @@ def test_bag_reader_sorts_scans_by_stamp(tmp_path):
 
 
 def test_bag_reader_finds_namespaced_frames(tmp_path):
-    wanted = drive()
+    wanted = make_drive()
     with open_bag(tmp_path, "ros1") as (path, bag):
         for name, shift in (("r1", 0.0), ("r2", 50.0)):
             fixed = bag.transform(BEGIN, f"/{name}/base_link", f"/{name}/laser", (0.2, 0, 0))
@@ -465,7 +472,7 @@ def test_bag_reader_finds_namespaced_frames(tmp_path):
 
 def test_bag_reader_rejects_damaged_bags(tmp_path):
     for kind, remedy in (("mcap", "mcap recover"), ("sqlite3", ".recover"), ("ros1", "reindex")):
-        path = write_drive(tmp_path, drive(), kind)
+        path = write_drive(tmp_path, make_drive(), kind)
         if path.is_dir():
             (path / "metadata.yaml").unlink()
             (path,) = path.iterdir()
@@ -479,14 +486,14 @@ def test_bag_reader_rejects_damaged_bags(tmp_path):
 
 
 def test_bag_error_names_missing_rosbags(tmp_path, monkeypatch):
-    path = write_drive(tmp_path, drive(), "mcap")
+    path = write_drive(tmp_path, make_drive(), "mcap")
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(LocplanError, match=r"needs rosbags: pip install 'locplan\[ros\]'"):
         read_recording(path)
 
 
 def test_progress_counts_messages_in_two_passes(tmp_path):
-    path, seen = write_drive(tmp_path, drive(), "mcap"), []
+    path, seen = write_drive(tmp_path, make_drive(), "mcap"), []
     read_recording(path, progress=lambda *each: seen.append(each))
     assert seen == [(0, 8), (8, 8), (0, 24), (24, 24)]
 
@@ -509,13 +516,18 @@ def test_bag_poses_drop_unrelated_frames():
     assert tree.frames == ("base_link", "laser", "map", "odom")
 
 
-def test_transform_track_keeps_nearest_samples(tmp_path):
-    """Of the moving transforms two samples a scan are kept, however many were recorded."""
-    track = poses.TransformTrack([1.0, 2.0, 3.0])
+def test_transform_track_keeps_nearest_samples():
+    """A track keeps two samples for each scan, however many samples a bag has."""
+    track, sizes = poses.TransformTrack([1.0, 2.0, 3.0]), set()
     for n in range(4000):
-        track.add(n / 1000, (n, *poses.IDENTITY[1:]))
-    assert track._before.shape == track._after.shape == (3, 8)
+        track.add((n + 0.5) / 1000, (n + 0.5, *poses.IDENTITY[1:]))
+        if n in (1, 3999):
+            sizes.add(len(pickle.dumps(track)))
+    before, after = track.samples()
+    np.testing.assert_allclose(before[:, 0], [0.9995, 1.9995, 2.9995])
+    np.testing.assert_allclose(after[:, 0], [1.0005, 2.0005, 3.0005])
     np.testing.assert_allclose(track.interpolate()[:, 0], [1000, 2000, 3000])
+    assert len(sizes) == 1
 
 
 def test_transform_track_uses_late_samples():
@@ -555,7 +567,7 @@ def test_transform_times_inverse_is_identity():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_bag_has_speeds_of_odometry(tmp_path, kind):
-    """They lie between those of the messages before and after a scan, as poses do."""
+    """The speed at a scan is interpolated between the messages before and after it."""
     lidar, times = LIDAR, [BEGIN, BEGIN + 0.2, BEGIN + 0.4]
     with open_bag(tmp_path, kind) as (path, bag):
         fixed = bag.transform(BEGIN, "base_link", "laser", (0.0, 0.0, 0.0))

@@ -39,7 +39,7 @@ def drive():
 
 
 @pytest.fixture(scope="module")
-def found(office, drive):
+def evaluation(office, drive):
     return evaluate_drive(drive.subsample(6), office)
 
 
@@ -76,9 +76,9 @@ def test_scan_posteriors_equal_plain_loops():
 def test_scan_matches_lie_at_true_poses(office, drive):
     matches = match_scans(drive.subsample(10), office)
     assert matches.is_matched.all()
-    off = np.hypot(*matches.best[:, :2].T)
-    assert np.median(off) <= 0.1
-    assert (off < 3 * np.maximum(matches.position_std, 0.1)).mean() > 0.9
+    distance = np.hypot(*matches.best[:, :2].T)
+    assert np.median(distance) <= 0.1
+    assert (distance < 3 * np.maximum(matches.position_std, 0.1)).mean() > 0.9
     assert np.degrees(np.abs(matches.best[:, 2])).max() <= 2
     with pytest.raises(RecordingError, match="no scan on this map has enough returns"):
         match_scans(drive.subsample(50).move(500.0, 0.0, 0.0), office)
@@ -116,68 +116,70 @@ def test_corridor_match_is_uncertain_along_axis():
     assert matches.score[0] > -0.1
 
 
-def test_fields_predict_uncertainty_of_scans(found):
-    assert found.is_compared.sum() > 50
+def test_fields_predict_uncertainty_of_scans(evaluation):
+    assert evaluation.is_compared.sum() > 50
     for name in ("fisher", "scan", "fused"):
-        each = found.agreements[name]
+        each = evaluation.agreements[name]
         assert each.rank.spearman.value > 0.5
         assert each.rank.spearman.low < each.rank.spearman.value < each.rank.spearman.high
         assert 0.5 < each.factor.value < 2.0
         assert each.aligned.value > 0.8
-    first, second = found.verdict
+    first, second = evaluation.verdict
     assert first.startswith("On this drive, `fused` predicts where scans leave the pose uncertain")
     assert second.endswith(".")
 
 
 def test_evaluation_excludes_crowded_scans(office, drive):
     """People around the robot are not on the map."""
-    some = drive.subsample(8)
-    ranges = some.ranges.copy()
+    thinned = drive.subsample(8)
+    ranges = thinned.ranges.copy()
     crowd = np.arange(len(ranges)) < 12
     ranges[np.ix_(crowd, np.arange(40, 110))] = 0.7  # people all around
-    crowded = dataclasses.replace(some, ranges=ranges)
-    one, other = (
+    crowded = dataclasses.replace(thinned, ranges=ranges)
+    plain, disturbed = (
         evaluate_drive(each, office, estimators={"scan": Scan(drive.lidar)})
-        for each in (some, crowded)
+        for each in (thinned, crowded)
     )
-    assert not one.is_outdated.any()
-    np.testing.assert_array_equal(other.is_outdated, crowd)
-    assert "12 of" in other.verdict[1]
-    assert "do not match the map" in other.verdict[1]
-    assert other.is_compared.sum() == one.is_compared.sum() - 12
+    assert not plain.is_outdated.any()
+    np.testing.assert_array_equal(disturbed.is_outdated, crowd)
+    assert "12 of" in disturbed.verdict[1]
+    assert "do not match the map" in disturbed.verdict[1]
+    assert disturbed.is_compared.sum() == plain.is_compared.sum() - 12
     on_map, on_way = (
         next(line.get_xydata() for line in axes.lines if line.get_marker() == "x")
-        for axes in drive_figure(other).axes[:2]
+        for axes in drive_figure(disturbed).axes[:2]
     )
-    np.testing.assert_allclose(on_map[: crowd.sum()], some.poses[crowd, :2])
-    along = np.cumsum(np.hypot(*np.diff(some.poses[:, :2], axis=0, prepend=some.poses[:1, :2]).T))
+    np.testing.assert_allclose(on_map[: crowd.sum()], thinned.poses[crowd, :2])
+    along = np.cumsum(
+        np.hypot(*np.diff(thinned.poses[:, :2], axis=0, prepend=thinned.poses[:1, :2]).T)
+    )
     np.testing.assert_allclose(on_way[:, 0], along[crowd], atol=1e-6)
 
 
 def test_evaluation_keeps_scattered_returns(office, drive):
     """On coarse cells, at long range and in plants many miss the walls, but few by far."""
-    some = drive.subsample(8)
-    ranges = some.ranges.copy()
+    thinned = drive.subsample(8)
+    ranges = thinned.ranges.copy()
     ranges[::4] += np.random.default_rng(2).normal(0.0, 0.17, ranges[::4].shape)
-    scattered = dataclasses.replace(some, ranges=np.abs(ranges))
-    found = evaluate_drive(scattered, office, estimators={"scan": Scan(drive.lidar)})
-    assert (found.matches.score[::4] < -0.5).mean() > 0.8
-    assert not found.is_outdated.any()
-    assert (found.matches.stray_share < 1 / 6).all()
+    scattered = dataclasses.replace(thinned, ranges=np.abs(ranges))
+    evaluation = evaluate_drive(scattered, office, estimators={"scan": Scan(drive.lidar)})
+    assert (evaluation.matches.score[::4] < -0.5).mean() > 0.8
+    assert not evaluation.is_outdated.any()
+    assert (evaluation.matches.stray_share < 1 / 6).all()
 
 
-def test_intervals_resample_blocks_of_drive(found):
-    """Each scan ten times tells no more than once, and a short drive has no interval."""
-    matches = found.matches
-    some = np.flatnonzero(found.is_compared)
-    many = np.repeat(some, 10)
+def test_intervals_resample_blocks_of_drive(evaluation):
+    """Repeating each scan ten times keeps the intervals as wide; a short drive has none."""
+    matches = evaluation.matches
+    compared = np.flatnonzero(evaluation.is_compared)
+    repeats = np.repeat(compared, 10)
     repeated = dataclasses.replace(
-        found,
+        evaluation,
         matches=dataclasses.replace(
             matches,
-            recording=matches.recording[many],
+            recording=matches.recording[repeats],
             **{
-                name: getattr(matches, name)[many]
+                name: getattr(matches, name)[repeats]
                 for name in (
                     "mean",
                     "best",
@@ -189,11 +191,11 @@ def test_intervals_resample_blocks_of_drive(found):
                 )
             },
         ),
-        predicted={name: each[many] for name, each in found.predicted.items()},
+        predicted={name: each[repeats] for name, each in evaluation.predicted.items()},
     )
-    one, other = (each.agreements["scan"].factor for each in (found, repeated))
+    one, other = (each.agreements["scan"].factor for each in (evaluation, repeated))
     assert other.high - other.low == pytest.approx(one.high - one.low, rel=0.3)
-    short = dataclasses.replace(found)
+    short = dataclasses.replace(evaluation)
     short.__dict__["blocks"] = np.arange(len(matches)) // 50 % 4
     assert math.isnan(short.agreements["scan"].factor.low)
     assert math.isnan(short.agreements["scan"].rank.auc.low)
@@ -219,9 +221,9 @@ def test_evaluation_rejects_unusable_drives(office, drive):
 def test_verdict_names_worst_block(blocks, worst):
     """Blocks with a single scan count as well."""
     stds = 0.1 * np.exp([0, 1, 2, 5.5, 4, 5, 6.0])
-    here = np.flatnonzero(np.array(blocks) == worst)
-    said = f"are around {here.mean():.1f},0.0:"
-    assert said in made_up(stds, np.zeros(7), blocks).verdict[1]
+    scans = np.flatnonzero(np.array(blocks) == worst)
+    text = f"are around {scans.mean():.1f},0.0:"
+    assert text in make_evaluation(stds, np.zeros(7), blocks).verdict[1]
 
 
 @pytest.mark.parametrize(
@@ -229,11 +231,11 @@ def test_verdict_names_worst_block(blocks, worst):
 )
 def test_verdict_wraps_axis_at_180_degrees(directions, axis):
     count = len(directions)
-    one = made_up(np.full(count, 0.5), np.radians(directions), [0] * count)
+    one = make_evaluation(np.full(count, 0.5), np.radians(directions), [0] * count)
     assert f"along {axis}°" in one.verdict[1]
 
 
-def made_up(stds, directions, blocks):
+def make_evaluation(stds, directions, blocks):
     """An evaluation of scans 1 m apart with these deviations, in these blocks."""
     count, turns = len(stds), np.zeros((len(stds), 3, 3))
     turns[:, 2, 2] = 1.0
@@ -243,7 +245,7 @@ def made_up(stds, directions, blocks):
     own[:, 0, 0], own[:, 1, 1], own[:, 2, 2] = stds**2, (0.1 * stds) ** 2, 1e-4
     covariance = turns @ own @ turns.transpose(0, 2, 1)
     lidar, poses = Lidar(beams=12), np.column_stack([np.arange(count), *np.zeros((2, count))])
-    found = DriveEvaluation(
+    evaluation = DriveEvaluation(
         ScanMatches(
             Recording(np.ones((count, 12)), lidar, poses),
             OccupancyGrid(np.full((9, 9), FREE, np.uint8), 0.1),
@@ -254,29 +256,29 @@ def made_up(stds, directions, blocks):
         {"scan": covariance},
         {"scan": "position_std"},
     )
-    vars(found)["blocks"] = np.array(blocks)
-    return found
+    vars(evaluation)["blocks"] = np.array(blocks)
+    return evaluation
 
 
 def test_figure_shows_sparse_scans_as_dots(office, drive):
-    apart = evaluate_drive(drive.subsample(24), office, estimators={"scan": Scan(drive.lidar)})
-    axes = drive_figure(apart).axes[0]
+    sparse = evaluate_drive(drive.subsample(24), office, estimators={"scan": Scan(drive.lidar)})
+    axes = drive_figure(sparse).axes[0]
     lines = [each for each in axes.collections if isinstance(each, LineCollection)][-1]
     ends = np.array([path.vertices for path in lines.get_paths()])
-    np.testing.assert_allclose(ends[:, 0], apart.matches.recording.poses[:, :2])
+    np.testing.assert_allclose(ends[:, 0], sparse.matches.recording.poses[:, :2])
     assert np.hypot(*(ends[:, 1] - ends[:, 0]).T).max() < 0.01
-    np.testing.assert_allclose(lines.get_array(), 100 * apart.matches.position_std)
+    np.testing.assert_allclose(lines.get_array(), 100 * sparse.matches.position_std)
 
 
-def test_evaluation_table_lists_all_scans(tmp_path, found):
-    assert set(found.agreements) == {"sad", "fisher", "scan", "fused"}
-    found.table().write_csv(tmp_path / "scans.csv")
+def test_evaluation_table_lists_all_scans(tmp_path, evaluation):
+    assert set(evaluation.agreements) == {"sad", "fisher", "scan", "fused"}
+    evaluation.table().write_csv(tmp_path / "scans.csv")
     with open(tmp_path / "scans.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(found.matches)
+    assert len(rows) == len(evaluation.matches)
     std = [float(row["major_std"]) for row in rows]
-    np.testing.assert_allclose(std, found.matches.position_std, rtol=1e-6)
-    assert "rank" in found.report()
+    np.testing.assert_allclose(std, evaluation.matches.position_std, rtol=1e-6)
+    assert "rank" in evaluation.report()
 
 
 def reference():
@@ -306,31 +308,35 @@ def test_evaluation_reproduces_laser_reference():
     assert spearmanr(np.concatenate(ours), np.concatenate(theirs))[0] > 0.96
 
 
-def test_verdict_rejects_weak_field(found):
-    weak = dataclasses.replace(found, predicted={"sad": found.predicted["sad"]})
-    assert "says where" not in weak.verdict[0]
-    mixed = found.predicted["scan"].copy()
+def test_verdict_rejects_weak_field(evaluation):
+    weak = dataclasses.replace(evaluation, predicted={"sad": evaluation.predicted["sad"]})
+    assert weak.verdict[0].startswith("No field ranks the scans of this drive better than chance")
+    mixed = evaluation.predicted["scan"].copy()
     some = np.arange(len(mixed)) % 5 < 4
     mixed[some] = mixed[some][::-1]
-    little = dataclasses.replace(found, predicted={"scan": mixed})
+    little = dataclasses.replace(evaluation, predicted={"scan": mixed})
     assert little.agreements["scan"].rank.spearman.value < 0.5
-    assert "says where" not in little.verdict[0]
+    assert "only slightly better than chance" in little.verdict[0]
 
 
-def test_verdict_counts_blocks_without_scans(found):
-    matches = dataclasses.replace(found.matches, covariance=100 * found.matches.covariance)
-    vague = dataclasses.replace(found, matches=matches)
-    every = len(np.unique(found.blocks))
+def test_verdict_counts_blocks_without_scans(evaluation):
+    matches = dataclasses.replace(
+        evaluation.matches, covariance=100 * evaluation.matches.covariance
+    )
+    vague = dataclasses.replace(evaluation, matches=matches)
+    block_count = len(np.unique(evaluation.blocks))
     assert "have a standard deviation of" in vague.verdict[1]
-    assert "to compare" not in vague.verdict[1]
-    unknown = found.predicted["sad"].copy()
-    unknown[np.isin(found.blocks, np.unique(found.blocks)[:2])] = np.nan
-    some = dataclasses.replace(vague, predicted=found.predicted | {"sad": unknown})
-    assert f"; 2 of {every} blocks of 10 m have no compared scan" in some.verdict[1]
+    assert "have no compared scan" not in vague.verdict[1]
+    unknown = evaluation.predicted["sad"].copy()
+    unknown[np.isin(evaluation.blocks, np.unique(evaluation.blocks)[:2])] = np.nan
+    partial = dataclasses.replace(vague, predicted=evaluation.predicted | {"sad": unknown})
+    assert f"; 2 of {block_count} blocks of 10 m have no compared scan" in partial.verdict[1]
 
 
-def test_verdict_suspects_mount_if_scans_misfit(found):
-    score = found.matches.score.copy()
+def test_verdict_suspects_mount_if_scans_misfit(evaluation):
+    score = evaluation.matches.score.copy()
     score[::2] = -2.0
-    bad = dataclasses.replace(found, matches=dataclasses.replace(found.matches, score=score))
+    bad = dataclasses.replace(
+        evaluation, matches=dataclasses.replace(evaluation.matches, score=score)
+    )
     assert "scans do not fit the map at their poses: check the mount of the lidar" in bad.verdict[0]

@@ -48,12 +48,12 @@ def drive(office):
     return simulate_recording(office, straight(7.0, 14.0, 11.0, 18.0), lidar=LIDAR)
 
 
-def with_ways(drive, change):
+def change_motions(drive, change):
     """The drive, with steps (n - 1, 3) of its odometry changed in place."""
-    ways = compute_motions(drive.odometry[:-1], drive.odometry[1:])
-    change(ways)
+    motions = compute_motions(drive.odometry[:-1], drive.odometry[1:])
+    change(motions)
     odometry = [drive.odometry[0]]
-    for way in ways:
+    for way in motions:
         odometry.append(apply_motions(odometry[-1], way))
     return dataclasses.replace(drive, odometry=np.array(odometry))
 
@@ -73,7 +73,7 @@ def test_faults_name_dropped_sign_of_reversing(drive):
     def drop_sign(ways):
         ways[ways[:, 0] < 0, :2] *= -1
 
-    faults = find_recording_faults(with_ways(drive, drop_sign))
+    faults = find_recording_faults(change_motions(drive, drop_sign))
     assert faults.has_sign_fault
     assert not faults.is_sound
     assert faults.n_reversed_steps == faults.n_backward_steps > 5
@@ -94,7 +94,7 @@ def test_faults_find_slip_and_standstill(drive, share, is_sound):
     def slip(ways):
         ways[20:40, :2] *= share  # over 2 m
 
-    faults = find_recording_faults(with_ways(drive, slip))
+    faults = find_recording_faults(change_motions(drive, slip))
     (place,) = faults.disagreements
     assert place.x == pytest.approx(9.0, abs=0.5)
     assert place.error == pytest.approx(2 * (1 - share), abs=0.4)
@@ -174,7 +174,7 @@ def test_faults_report_motion_hidden_by_corridor():
     def slip(ways):
         ways[20:40, :2] *= 0.5
 
-    faults = find_recording_faults(with_ways(drive, slip))
+    faults = find_recording_faults(change_motions(drive, slip))
     assert faults.disagreements == ()
     assert faults.n_hidden_steps > 0.9 * faults.n_steps
     assert faults.sentences == (
@@ -189,17 +189,14 @@ def test_faulty_steps_are_not_in_drift(drive, monkeypatch):
     def slip(ways):
         ways[20:40, :2] *= 0.5
 
-    slipped = with_ways(drive, slip)
+    slipped = change_motions(drive, slip)
     faulty = find_recording_faults(slipped).faulty_steps
     alphas = [fit_odometry_noise(slipped, Amcl(), mask).alpha3.value for mask in (None, faulty)]
     assert alphas[1] < 0.1 * alphas[0]
 
 
 def test_check_reports_and_excludes_faults(office, drive, monkeypatch):
-    """The faults are among the sentences on a drive, and its drifts are those without them.
-
-    It takes two drives through all that check does with them, which takes seconds.
-    """
+    """`check` reports a drive's faults, and estimates its drifts without the faulty steps."""
     monkeypatch.setattr("locplan.recordings.calibration.RESAMPLES", 5)
 
     def slip(ways):
@@ -208,7 +205,7 @@ def test_check_reports_and_excludes_faults(office, drive, monkeypatch):
     def stand(ways):
         ways[20:60, :2] = 0
 
-    drives, robot = [with_ways(drive, change) for change in (slip, stand)], drive.robot()
+    drives, robot = [change_motions(drive, change) for change in (slip, stand)], drive.robot()
     map_faults = MapFaults(office, (), office)
     results = [
         look_at_drives([one], MapCorrection(office), map_faults, robot, None, 1, 1)
@@ -222,7 +219,7 @@ def test_check_reports_and_excludes_faults(office, drive, monkeypatch):
     assert results[0].robot.odometry.distance_bias == pytest.approx(abs(drifts[1]))
 
 
-def carmen(path, speeds, *, stamps=None):
+def read_log(path, speeds, *, stamps=None):
     """A log whose odometry moves 0.1 m ahead from scan to scan, with velocities; read."""
     lines = []
     for n, speed in enumerate(speeds):
@@ -237,7 +234,7 @@ def carmen(path, speeds, *, stamps=None):
 
 def test_faults_find_wrong_velocity_sign(tmp_path):
     speeds = [0.1] * 6 + [-0.1] * 6
-    drive = carmen(tmp_path / "a.log", speeds)
+    drive = read_log(tmp_path / "a.log", speeds)
     assert drive.speeds.tolist() == speeds
     drive.save(tmp_path / "a.npz")
     again = Recording.load(tmp_path / "a.npz")
@@ -248,16 +245,16 @@ def test_faults_find_wrong_velocity_sign(tmp_path):
         "Odometry's pose moves forward at 5 of 5 steps with a negative velocity. Correct"
         " the sign in its driver, and record again."
     )
-    assert not find_recording_faults(carmen(tmp_path / "b.log", [0.1] * 12)).has_sign_fault
-    assert carmen(tmp_path / "c.log", [0] * 12).speeds is None
+    assert not find_recording_faults(read_log(tmp_path / "b.log", [0.1] * 12)).has_sign_fault
+    assert read_log(tmp_path / "c.log", [0] * 12).speeds is None
 
 
 def test_faults_count_stamps_out_of_order(tmp_path):
-    drive = carmen(tmp_path / "a.log", [0] * 6, stamps=[0, 1, 3, 2, 5, 4])
+    drive = read_log(tmp_path / "a.log", [0] * 6, stamps=[0, 1, 3, 2, 5, 4])
     faults = find_recording_faults(drive)
     assert (drive.times, faults.stamps_back) == (None, 2)
     assert "The stamps of 2 scans are out of order." in faults.sentences
-    assert find_recording_faults(carmen(tmp_path / "b.log", [0] * 6)).stamps_back == 0
+    assert find_recording_faults(read_log(tmp_path / "b.log", [0] * 6)).stamps_back == 0
 
 
 def test_faults_work_with_incomplete_recordings(office, drive):
@@ -270,7 +267,9 @@ def test_faults_work_with_incomplete_recordings(office, drive):
     def stand(ways):
         ways[20:40, :2] = 0
 
-    unknown = dataclasses.replace(with_ways(drive, stand), poses=np.full((len(drive), 3), np.nan))
+    unknown = dataclasses.replace(
+        change_motions(drive, stand), poses=np.full((len(drive), 3), np.nan)
+    )
     faults = find_recording_faults(unknown, office)
     assert faults.misfit is None
     assert faults.disagreements[0].x == pytest.approx(9.0, abs=0.5)

@@ -322,11 +322,14 @@ def test_lattice_refinement_equals_plain_loops(different):
 
 
 def test_scan_database_limits_compared_beams(different):
+    """The compared beams are evenly spaced over the whole circle."""
     lidar = replace(LIDAR, beams=1000)
     on_robot = lidar.compute_ends_on_robot(np.full((1, 1000), 2.0, np.float32))
     ends = ScanDatabase(different, lidar).select_compared_ends(on_robot[0])
     assert ends.shape == (2, 360)
     np.testing.assert_allclose(np.hypot(*ends), 2.0 / different.resolution, rtol=1e-5)
+    directions = np.degrees(np.arctan2(ends[1], ends[0]))
+    np.testing.assert_allclose(directions, np.arange(-179.5, 180), atol=0.36)  # a beam's spacing
 
 
 @pytest.fixture(scope="module")
