@@ -1,4 +1,4 @@
-"""The check: weak spots, routes, fixes that are driven, and the one thing to do next."""
+"""The check: weak spots, routes, simulated fixes, and the next action."""
 
 import dataclasses
 import json
@@ -18,6 +18,7 @@ import locplan
 from locplan import check, save_map
 from locplan.advice.limits import CheckLimit
 from locplan.advice.next_step import choose_next_action
+from locplan.advice.rates import rank_fixes
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.robots.presets import UPDATES
 from locplan.simulation.drives import LOST_DISTANCE
@@ -43,7 +44,7 @@ def listen():
 
 
 class Watched:
-    """A check whose findings and progress are kept as they come."""
+    """A check with its findings and its progress, in order."""
 
     def __init__(self):
         self.steps = []
@@ -73,7 +74,7 @@ def solid():
 def test_check_recommends_nothing_for_tuned_robot(fine):
     assert fine.is_fine
     assert fine.recommended == ()
-    assert fine.fixed_scenario is fine.scenario or fine.fixed_scenario.paths == fine.scenario.paths
+    assert fine.fixed_scenario.paths == fine.scenario.paths
     high = 100 * fine.baseline.lost.high
     text = " ".join(fine.report().split())
     assert f"Nothing to do. A quick check cannot exclude a loss rate of up to {high:.0f} %." in text
@@ -111,10 +112,10 @@ def test_weak_spots_name_map_fault(solid):
 @pytest.mark.long
 def test_check_accepts_repaired_filter_map(solid, tmp_path):
     """The repair is not recommended again."""
-    own = solid.fixed_scenario.filter_map
-    found = check(blocks(), UNTUNED, AISLES, effort="quick", filter_map=own)
-    assert found.baseline.lost.high < solid.baseline.lost.low
-    assert "map" not in [each.kind for each in found.fixes]
+    filter_map = solid.fixed_scenario.filter_map
+    report = check(blocks(), UNTUNED, AISLES, effort="quick", filter_map=filter_map)
+    assert report.baseline.lost.high < solid.baseline.lost.low
+    assert "map" not in [each.kind for each in report.fixes]
     solid.save(tmp_path / "own")
     assert (
         f"{tmp_path}/own/"
@@ -123,30 +124,32 @@ def test_check_accepts_repaired_filter_map(solid, tmp_path):
 
 
 def test_equal_losses_put_cheaper_fix_first(solid):
-    map_alone = solid.fixes[0]
-    assert map_alone.kind == "map"
-    for each in solid.fixes[1:]:
-        assert each.rates.lost.low <= map_alone.rates.lost.high or each.gain.low > 0
-    assert solid.recommended[0] == "map"
+    """Loss rates with overlapping intervals count as equal, even if the error is larger."""
+    repair, settings = solid.fixes
+    assert (repair.kind, settings.kind) == ("map", "settings")
+    assert repair.rates.lost.high > settings.rates.lost.value > repair.rates.lost.value
+    worse_repair = dataclasses.replace(repair, rates=settings.rates, ratio=settings.ratio)
+    better_settings = dataclasses.replace(settings, rates=repair.rates, ratio=repair.ratio)
+    assert rank_fixes([better_settings, worse_repair]) == [worse_repair, better_settings]
 
 
 @pytest.mark.long
 def test_small_error_makes_fix_optional():
     """A robot with an error below 0.1 m needs no other settings."""
     changes = {name: 0.2 for name in TUNED_FILTER if name.startswith("alpha")}
-    found = check(furnished_room(), ROBOT.with_settings(changes), CORNERS, effort="quick")
-    assert found.recommended == ()
-    (settings,) = (fix for fix in found.fixes if fix.kind == "settings")
+    report = check(furnished_room(), ROBOT.with_settings(changes), CORNERS, effort="quick")
+    assert report.recommended == ()
+    (settings,) = (fix for fix in report.fixes if fix.kind == "settings")
     assert settings.verdict == "better"
-    assert "would lower the error" in " ".join(found.report().split())
+    assert "would lower the error" in " ".join(report.report().split())
 
 
 def test_settings_help_against_scattered_particles(two_corridors_at_its_worst):
-    found = two_corridors_at_its_worst
-    assert found.recommended == ("settings",)
-    assert found.preset_choice.name == "safe"
-    assert found.fixed_scenario.robot.amcl.update_min_d == 0.1
-    assert found.confirmation.word == "better"
+    report = two_corridors_at_its_worst
+    assert report.recommended == ("settings",)
+    assert report.preset_choice.name == "safe"
+    assert report.fixed_scenario.robot.amcl.update_min_d == 0.1
+    assert report.confirmation.word == "better"
 
 
 @pytest.fixture(scope="module")
@@ -167,12 +170,12 @@ def test_losing_route_names_its_weak_spots(solid):
 
 
 def test_weak_spots_are_sorted_by_failures(solid, two_corridors_at_its_worst):
-    for found in (solid, two_corridors_at_its_worst):
-        failed = [each.lost + each.stopped for each in found.spots]
+    for report in (solid, two_corridors_at_its_worst):
+        failed = [each.lost + each.stopped for each in report.spots]
         assert failed == sorted(failed, reverse=True)
-        letters = [each.letter for each in found.spots]
+        letters = [each.letter for each in report.spots]
         assert letters == [*"ABCDEF", *[""] * len(letters)][: len(letters)]
-        idle = [each for each in found.spots if not each.lost + each.stopped]
+        idle = [each for each in report.spots if not each.lost + each.stopped]
         weight = [each.position_std * each.length * len(each.routes) for each in idle]
         assert weight == sorted(weight, reverse=True)
 
@@ -182,8 +185,8 @@ def test_wide_hall_has_single_weak_spot():
     cells = np.full((300, 300), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     hall = OccupancyGrid(cells, 0.1, name="hall")
-    found = check(hall, ROBOT, [((3.0, 15.0), (27.0, 15.0))], effort="quick")
-    (wide,) = [each for each in found.spots if each.missing == "few walls within 6 m"]
+    report = check(hall, ROBOT, [((3.0, 15.0), (27.0, 15.0))], effort="quick")
+    (wide,) = [each for each in report.spots if each.missing == "few walls within 6 m"]
     assert min(wide.length, wide.width) > 15
     assert abs(wide.y - 15) < 1
     assert wide.routes
@@ -206,15 +209,15 @@ def test_weak_spots_are_reachable():
     cells[20:80:59, 20:220] = cells[20:80, 20:220:199] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1, name="framed")
     larger = OccupancyGrid(np.pad(cells, 5, constant_values=FREE), 0.1, (-0.5, -0.5, 0.0))
-    found = check(grid, ROBOT, [((3.0, 5.0), (20.0, 5.0))], effort="quick", filter_map=larger)
-    assert found.spots
-    assert all(2 <= each.x <= 22 and 2 <= each.y <= 8 for each in found.spots)
+    report = check(grid, ROBOT, [((3.0, 5.0), (20.0, 5.0))], effort="quick", filter_map=larger)
+    assert report.spots
+    assert all(2 <= each.x <= 22 and 2 <= each.y <= 8 for each in report.spots)
     sizes = "The map measures 24.00 x 10.00 m, the filter's map 25.00 x 11.00 m"
-    assert sizes in " ".join(found.report().split())
+    assert sizes in " ".join(report.report().split())
 
 
 def test_long_routes_are_driven_less_often():
-    """On routes of 100 m a third of the drives has as many places to fail."""
+    """A quick check simulates a third of its 32 drives on a route of 100 m."""
     cells = np.full((30, 1020), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     lidar = locplan.Lidar(range=6.0, beams=30)
@@ -227,10 +230,10 @@ def test_long_routes_are_driven_less_often():
 @pytest.mark.long
 def test_fix_without_gain_is_driven_less():
     robot = ROBOT.with_settings({**UPDATES, "laser_max_range": 5.9})
-    found = check(furnished_room(), robot, CORNERS, effort="quick")
-    (longer_range,) = found.fixes
+    report = check(furnished_room(), robot, CORNERS, effort="quick")
+    (longer_range,) = report.fixes
     assert longer_range.kind == "range"
-    assert longer_range.rates.n_drives < found.baseline.n_drives
+    assert longer_range.rates.n_drives < report.baseline.n_drives
     assert longer_range.verdict in ("worse", "no difference", "undecided")
     assert math.isnan(longer_range.rates.reached.value)
 
@@ -239,28 +242,28 @@ def test_fix_without_gain_is_driven_less():
 def test_full_range_helps_against_limited_one():
     grid = environments.make("two_corridors", resolution=0.1)
     robot = locplan.Robot(locplan.Lidar(range=12.0, beams=120)).with_settings(TUNED_FILTER)
-    found = check(grid, robot.with_settings({"laser_max_range": 1.5}), effort="quick")
-    assert "range" in found.recommended
-    assert found.fixed_scenario.robot.amcl.laser_max_range >= 12.0
+    report = check(grid, robot.with_settings({"laser_max_range": 1.5}), effort="quick")
+    assert "range" in report.recommended
+    assert report.fixed_scenario.robot.amcl.laser_max_range >= 12.0
 
 
 def test_threshold_repair_finds_dark_grey_walls(tmp_path):
     save_map(furnished_room(), tmp_path / "room.yaml")
     image = tmp_path / "room.pgm"
     image.write_bytes(image.read_bytes().replace(b"\x00", b"\x70"))
-    found = check(tmp_path / "room.yaml", ROBOT, CORNERS, effort="quick")
-    assert (found.scenario.world.cells == OCCUPIED).sum() == (
+    report = check(tmp_path / "room.yaml", ROBOT, CORNERS, effort="quick")
+    assert (report.scenario.world.cells == OCCUPIED).sum() == (
         furnished_room().cells == OCCUPIED
     ).sum()
-    assert found.recommended[0] == "walls"
-    found.save(tmp_path / "report")
+    assert report.recommended[0] == "walls"
+    report.save(tmp_path / "report")
     written = locplan.load_map(tmp_path / "report" / "map.yaml")
     assert np.array_equal(written.cells, furnished_room().cells)
 
 
 @pytest.mark.long
 def test_check_ignores_thread_count(fine, tmp_path, monkeypatch):
-    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))  # where nothing was driven yet
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))  # an empty cache
     again = check(
         furnished_room(), ROBOT.with_settings(UPDATES), CORNERS, effort="quick", threads=1
     )
@@ -304,7 +307,7 @@ def test_check_reports_closed_loop_failures(solid):
 
 
 def walls_with_gap(width):
-    """Two rooms behind a wall of 0.2 m with a gap of a width in cells."""
+    """Return two rooms with a wall of 0.2 m between them, and a gap in it [cells]."""
     cells = np.full((80, 120), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = cells[:, 58:62] = OCCUPIED
     cells[10:16, 20:30] = cells[60:70, 90:95] = OCCUPIED
@@ -315,13 +318,13 @@ def walls_with_gap(width):
 def test_narrow_passage_gets_footprint_advice(tmp_path):
     """No fix helps there."""
     robot = ROBOT.with_settings({**UPDATES, "footprint": 0.2, "margin": 0.0})
-    found = check(walls_with_gap(9), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
-    assert found.baseline.reached.high < 1
-    assert (found.passage.x, found.passage.y) == pytest.approx((3.0, 2.2), abs=0.15)
-    assert found.passage.width == pytest.approx(0.45, abs=0.05)
-    assert found.passage.robot_width == pytest.approx(0.4)
-    assert (found.recommended, found.fixes) == ((), ())
-    text = " ".join(found.report(tmp_path).split())
+    report = check(walls_with_gap(9), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
+    assert report.baseline.reached.high < 1
+    assert (report.passage.x, report.passage.y) == pytest.approx((3.0, 2.2), abs=0.15)
+    assert report.passage.width == pytest.approx(0.45, abs=0.05)
+    assert report.passage.robot_width == pytest.approx(0.4)
+    assert (report.recommended, report.fixes) == ((), ())
+    text = " ".join(report.report(tmp_path).split())
     assert "m wide, the robot 0.40 m" in text
     assert "widen the passage, or correct the robot's radius (now 0.2 m)" in text
     assert text.endswith("--set=footprint=0.2")
@@ -331,19 +334,19 @@ def test_narrow_passage_gets_footprint_advice(tmp_path):
 
 def test_failing_routes_come_first(solid, two_corridors_at_its_worst, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
-    for found in (solid, two_corridors_at_its_worst):
-        fails = [route.rates.has_failure for route in found.routes]
+    for report in (solid, two_corridors_at_its_worst):
+        fails = [route.rates.has_failure for route in report.routes]
         assert fails[0]
         assert fails == sorted(fails, reverse=True)
-        for route in found.routes:
+        for route in report.routes:
             assert route.rates.n_closed >= 16 or not route.rates.has_failure
-        lines = {tuple(line.get_xydata().ravel()): line for line in found.figure().axes[0].lines}
-        for route, is_failing in zip(found.routes, fails, strict=True):
+        lines = {tuple(line.get_xydata().ravel()): line for line in report.figure().axes[0].lines}
+        for route, is_failing in zip(report.routes, fails, strict=True):
             line = lines[tuple(route.path.xy.ravel())]
             assert (line.get_color() == "#d55e00") == is_failing
-        text = found.report().splitlines()
+        text = report.report().splitlines()
         heading = next(n for n, line in enumerate(text) if line.endswith("reaches the goal"))
-        assert found.routes[0].name in text[heading + 1]
+        assert report.routes[0].name in text[heading + 1]
 
 
 def test_places_where_robots_stop_have_letters(solid):
@@ -404,13 +407,13 @@ def test_next_commands_apply_recommended_fixes(two_corridors_at_its_worst, tmp_p
     params.write_text("amcl: {ros__parameters: {alpha1: 2.0, laser_max_range: 6.0}}\n")
     save_map(furnished_room(), tmp_path / "lab.yaml")
     source = locplan.maps.read_map(tmp_path / "lab.yaml")[1]
-    found = dataclasses.replace(two_corridors_at_its_worst, source=source)
-    whole = found.summary(tmp_path / "out", params)["next"]
+    report = dataclasses.replace(two_corridors_at_its_worst, source=source)
+    whole = report.summary(tmp_path / "out", params)["next"]
     assert whole["command"] == (
         f"ros2 launch nav2_bringup bringup_launch.py map:={tmp_path}/lab.yaml"
         f" params_file:={tmp_path}/out/nav2_params.yaml"
     )
-    section = found.summary(tmp_path / "out")["next"]  # of amcl alone: Nav2 cannot start with it
+    section = report.summary(tmp_path / "out")["next"]  # of amcl alone: Nav2 cannot start with it
     assert section["command"] == (
         f"locplan check {tmp_path}/lab.yaml --robot {tmp_path}/out/nav2_params.yaml"
     )
@@ -424,9 +427,9 @@ def test_check_writes_one_file_of_several(two_corridors_at_its_worst, tmp_path, 
     amcl.write_text("amcl: {ros__parameters: {alpha1: 2.0, laser_max_range: 6.0}}\n")
     planner.write_text('planner_server: {ros__parameters: {planner_plugins: ["A"]}}\n')
     params = (amcl, planner)[::order]
-    found = two_corridors_at_its_worst
-    line = found.summary(tmp_path / "out", params)["next"]
-    found.save(tmp_path / "out", tmp_path / "out", params)
+    report = two_corridors_at_its_worst
+    line = report.summary(tmp_path / "out", params)["next"]
+    report.save(tmp_path / "out", tmp_path / "out", params)
     merged = tmp_path / "out" / "nav2_params.yaml"
     assert line["command"].endswith(f" params_file:={merged}")
     assert "merged, with the changes" in line["files"]["nav2_params.yaml"]
@@ -435,11 +438,19 @@ def test_check_writes_one_file_of_several(two_corridors_at_its_worst, tmp_path, 
     assert locplan.robots.nav2.read_amcl(merged).update_min_d == 0.1
 
 
-def test_check_rejects_bad_arguments(tmp_path):
-    with pytest.raises(locplan.LocplanError, match=r"station|route 'a to b'|blocked|occupied"):
+def test_check_rejects_station_in_wall():
+    with pytest.raises(
+        locplan.LocplanError, match=r"route 'a to b': goal 2\.2,2\.7 lies in a wall"
+    ):
         check(furnished_room(), ROBOT, {"a": (1.0, 1.0), "b": (2.2, 2.7)}, effort="quick")
+
+
+def test_check_rejects_unknown_effort():
     with pytest.raises(locplan.LocplanError, match="quick, usual, thorough"):
         check(furnished_room(), ROBOT, effort="slow")
+
+
+def test_check_rejects_costmap_filter_mask(tmp_path):
     save_map(furnished_room(), tmp_path / "keepout_mask.yaml")
     with pytest.raises(locplan.LocplanError, match="mask for a costmap filter"):
         check(tmp_path / "keepout_mask.yaml", ROBOT)
@@ -494,29 +505,29 @@ def test_recording_shows_false_walls_of_map(monkeypatch):
     grid, robot = dataclasses.replace(office, cells=cells), drive.robot(ROBOT)
     stations = [((7.0, 7.0), (20.5, 15.0))]
     with listen() as findings:
-        found = check(grid, robot, stations, [drive], effort="quick")
-    assert found.recording_sentences[0].startswith("drive 1: The map fits")
-    assert "too few scans" in found.recording_sentences[2]  # of a log of one scan in half a metre
-    assert found.recording_sentences[0] in found.report()
-    (false,) = [each for each in found.faults if each.kind == "false walls"]
+        report = check(grid, robot, stations, [drive], effort="quick")
+    assert report.recording_sentences[0].startswith("drive 1: The map fits")
+    assert "too few scans" in report.recording_sentences[2]  # of a log of one scan in half a metre
+    assert report.recording_sentences[0] in report.report()
+    (false,) = [each for each in report.faults if each.kind == "false walls"]
     assert false.boxes[0] == pytest.approx((26.4, 31.4, 6.4, 6.8), abs=0.15)
     assert "check these places, and map them again" in false.sentence
     assert f"map: {false.sentence}" in findings
     monkeypatch.setenv("COLUMNS", "80")
-    text = found.report()
+    text = report.report()
     assert len(text.splitlines()) <= 25
     assert f"at {false.place_text}" in " ".join(text.split())
-    assert found.recording_sentences[0] in " ".join(text.split())
-    assert np.array_equal(found.scenario.world.cells, cells)  # which stays as it is
+    assert report.recording_sentences[0] in " ".join(text.split())
+    assert np.array_equal(report.scenario.world.cells, cells)  # the check does not change the map
 
 
 @pytest.mark.long
 def test_check_skips_filter_if_map_misfits():
     """The recorded drive is from another building."""
     drive = locplan.recordings.read_recording(FILE)
-    found = check(
+    report = check(
         furnished_room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick"
     )
-    said, hidden = found.recording_sentences
-    assert "cannot show motion along corridors" in hidden
-    assert "does not fit" in said
+    fit, visibility = report.recording_sentences
+    assert "cannot show motion along corridors" in visibility
+    assert "does not fit" in fit

@@ -1,4 +1,4 @@
-"""Landmarks: objects, places for them, what they tell, the search, and its verification."""
+"""Landmarks: objects, their places and information, the search, and its verification."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ def hits_on(grid, rays):
     return hits
 
 
-def positions_of(made):
-    """World x and y of all places that were searched among, (n, 2) [m]."""
-    places = made.search.places
-    return np.column_stack(made.setting.grid.grid_to_world(*places[:, :2].T))
+def search_positions(landmarks):
+    """Return world x and y of all places of the search, (n, 2) [m]."""
+    places = landmarks.search.places
+    return np.column_stack(landmarks.setting.grid.grid_to_world(*places[:, :2].T))
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def hallway() -> OccupancyGrid:
 
 
 @pytest.fixture(scope="module")
-def placed(hallway):
+def hallway_landmarks(hallway):
     return place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE)
 
 
@@ -116,11 +116,12 @@ def test_objects_are_clipped_at_map_edge():
     assert (mark_objects(open_floor(), Pole(2.0), [(0.0, 0.0), (-50, 3)]).cells == OCCUPIED).any()
 
 
-@pytest.mark.parametrize("text", ["pole:", "pole:x", "pole:0.1,0.2", "box:1", "cone:2", "box:1,-1"])
+def test_parse_object_has_default_size():
+    assert parse_object("pole:") == Pole()
+
+
+@pytest.mark.parametrize("text", ["pole:x", "pole:0.1,0.2", "box:1", "cone:2", "box:1,-1"])
 def test_parse_object_rejects_bad_text(text):
-    if text == "pole:":
-        assert parse_object(text) == Pole()
-        return
     with pytest.raises(LocplanError):
         parse_object(text)
 
@@ -134,8 +135,8 @@ def no_go(*rectangles):
     return Zones([Zone("no-go", outline) for outline in outlines])
 
 
-def tried(grid, kind, route, robot=DRIVEN, zones=None):
-    """A search for one place."""
+def place_one(grid, kind, route, robot=DRIVEN, zones=None):
+    """Return the landmarks of a search for one place."""
     return place_landmarks(grid, kind, 1, paths={"a": route}, robot=robot, zones=zones)
 
 
@@ -150,7 +151,7 @@ def test_wall_places_align_with_walls(angle, kind):
     """They also keep a small clearance."""
     grid = corridor(12.0, 3.0, angle=angle)
     ends = np.outer([-5.0, 5.0], [math.cos(angle), math.sin(angle)])
-    kept = tried(grid, kind, ends).search.places
+    kept = place_one(grid, kind, ends).search.places
     assert 25 < len(kept) < 55
     for row, col, heading in kept:
         cells = find_covered_cells(grid, kind, np.array([*grid.grid_to_world(row, col), heading]))
@@ -171,7 +172,7 @@ def test_free_places_try_both_orientations():
     route = np.array([[1.0, 2.0], [11.0, 2.0]])
 
     def free_places(kind):
-        places = tried(grid, kind, route).search.places
+        places = place_one(grid, kind, route).search.places
         clearance = grid.clearance[tuple(places[:, :2].astype(int).T)]
         assert not ((clearance > 0.7) & (clearance <= 1.2)).any()
         return places[clearance > 1.2]
@@ -187,7 +188,7 @@ def test_route_places_keep_smallest_clearance(turn, corners):
     cols = np.linspace(20.0, 100.0, corners)
     line = np.column_stack(grid.grid_to_world(np.full(corners, 40.0), cols))
     kind = Box(0.8, 0.2)
-    places = tried(grid, kind, line).search.places
+    places = place_one(grid, kind, line).search.places
     aside = np.abs(places[:, 0] - 40) * 0.1
     along = np.abs(np.sin(places[:, 2])) < 1e-6
     near = np.where(along, 0.45 + 0.1 + 0.1, 0.45 + 0.4 + 0.1)  # the robot's, the object's
@@ -210,7 +211,7 @@ DOOR = ascii_map(
 def passages_of(grid, kind, radius, route=((1.0, 1.0), (1.5, 1.0))):
     """Space of a robot, as a search has it."""
     robot = Robot(SHORT, footprint=radius, margin=0.0, filter=PRODUCT)
-    return tried(grid, kind, np.array(route), robot).search.robot_space
+    return place_one(grid, kind, np.array(route), robot).search.robot_space
 
 
 def test_search_rejects_object_closing_door():
@@ -249,8 +250,8 @@ def test_objects_stay_within_known_map(unknown):
     cells[:, 60:] = UNKNOWN if unknown else FREE
     grid, edge = OccupancyGrid(cells, 0.1), 6.0 if unknown else 10.0
     seeing, route = Robot(Lidar(range=9.0), filter=PRODUCT), np.array([[3.0, 4.0], [3.2, 4.0]])
-    made = tried(grid, Box(2.2, 0.4), route, seeing)
-    (x, y), heading = positions_of(made).T, made.search.places[:, 2]
+    landmarks = place_one(grid, Box(2.2, 0.4), route, seeing)
+    (x, y), heading = search_positions(landmarks).T, landmarks.search.places[:, 2]
     along = np.abs(np.sin(heading)) < 0.5
     wide, high = np.where(along, 1.1, 0.2), np.where(along, 0.2, 1.1)
     assert len(x) > 10
@@ -261,8 +262,10 @@ def test_object_across_view_gap_is_seen():
     """Rays at both ends of the field of view meet it."""
     grid, kind = open_floor(), Box(1.0, 0.1)
     lidar = Lidar(range=3.0, field_of_view_deg=300.0)
-    made = tried(grid, kind, np.array([[6.0, 4.0], [6.5, 4.0]]), Robot(lidar, filter=PRODUCT))
-    rays = made.search.sight.route_views.rays
+    landmarks = place_one(
+        grid, kind, np.array([[6.0, 4.0], [6.5, 4.0]]), Robot(lidar, filter=PRODUCT)
+    )
+    rays = landmarks.search.sight.route_views.rays
     assert not rays.all_round
     hits = hits_on(grid, rays)
     before = hits.copy()
@@ -278,8 +281,8 @@ def test_object_across_view_gap_is_seen():
 
 
 def test_boxes_are_apart_by_their_outlines(hallway):
-    made = tried(hallway, Box(1.0, 0.2), ROUTE["middle"])
-    search, at = made.search, positions_of(made)
+    landmarks = place_one(hallway, Box(1.0, 0.2), ROUTE["middle"])
+    search, at = landmarks.search, search_positions(landmarks)
     one = int(np.argmin(np.hypot(*(at - (0.0, 0.9)).T)))
     apart = np.hypot(*(at - at[one]).T)
     along = (np.abs(at[:, 1] - at[one, 1]) < 0.05) & (apart > 0.5)
@@ -292,27 +295,29 @@ def test_boxes_are_apart_by_their_outlines(hallway):
 def test_objects_avoid_no_go_zones(hallway):
     grid = dataclasses.replace(open_floor(), origin=(0.0, 0.0, math.pi / 2))
     route = np.array([[-2.5, 2.0], [-2.5, 7.0]])
-    everywhere = positions_of(tried(grid, Pole(0.1), route))
+    everywhere = search_positions(place_one(grid, Pole(0.1), route))
     zones = no_go((-2.0, 3.0, -1.0, 5.0))
-    made = tried(grid, Pole(0.1), route, zones=zones)
-    apart = np.hypot(*(everywhere[:, None] - positions_of(made)[None]).transpose(2, 0, 1))
+    landmarks = place_one(grid, Pole(0.1), route, zones=zones)
+    apart = np.hypot(*(everywhere[:, None] - search_positions(landmarks)[None]).transpose(2, 0, 1))
     kept_out = everywhere[apart.min(axis=1) > 0]
     assert len(kept_out) > 1
     assert (np.abs(kept_out - (-1.5, 4.0)) <= (0.56, 1.06)).all()
-    assert not (np.abs(positions_of(made) - (-1.5, 4.0)) < (0.5, 1.0)).all(axis=1).any()
+    assert not (np.abs(search_positions(landmarks) - (-1.5, 4.0)) < (0.5, 1.0)).all(axis=1).any()
     with pytest.raises(LocplanError, match="path a crosses a no-go zone; change"):
-        tried(hallway, Pole(0.2), ROUTE["middle"], zones=no_go((0, -1, 0.1, 1)))
+        place_one(hallway, Pole(0.2), ROUTE["middle"], zones=no_go((0, -1, 0.1, 1)))
 
 
 def test_routes_avoid_no_go_zones():
     zones = no_go((2.0, 1.0, 4.0, 5.2))
     places = {"a": (1.0, 5.0), "b": (5.0, 5.0)}
-    made = place_landmarks(open_floor(), Pole(0.1), 1, places=places, robot=DRIVEN, zones=zones)
-    for routes in (made.setting.routes, made.setting.replan_routes(made.grid)):
+    landmarks = place_landmarks(
+        open_floor(), Pole(0.1), 1, places=places, robot=DRIVEN, zones=zones
+    )
+    for routes in (landmarks.setting.routes, landmarks.setting.replan_routes(landmarks.grid)):
         (path,) = routes.values()
         assert path.length > 4.01
         fine = path.resample(0.01).xy
-        assert not zones.cells(made.grid, "no-go")[made.grid.cell(fine)].any()
+        assert not zones.cells(landmarks.grid, "no-go")[landmarks.grid.cell(fine)].any()
 
 
 # Kernels
@@ -371,8 +376,8 @@ def test_object_information_equals_plain_loop(outline, least, view):
             begin, count = kernels.find_shortened_rays(hits, rays, n, outline, *place)
             scene = kernels.LandmarkScene(hits, sums, rays, outline)
             meets = count > 0 and kernels.write_object_sums(scene, n, place, begin, count, changed)
-            found = as_matrix(changed if meets else sums[n])
-            np.testing.assert_allclose(found, wanted, atol=2e-4)
+            information = as_matrix(changed if meets else sums[n])
+            np.testing.assert_allclose(information, wanted, atol=2e-4)
     touched = np.zeros(len(hits), bool)
     for place in objects:
         kernels.add_object_to_hits(hits, rays, outline, *place, touched)
@@ -384,12 +389,12 @@ def test_object_information_equals_plain_loop(outline, least, view):
         np.testing.assert_allclose(as_matrix(sums[n]), wanted, atol=2e-4)
 
 
-def sightings_of(hits, rays, outline, places):
+def find_object_sightings(hits, rays, outline, places):
     counts, starts = np.zeros(len(places), np.int64), np.zeros(len(places) + 1, np.int64)
     for _ in range(2):  # the first time without room
         room = starts[-1]
-        made = np.empty(room, np.int32), np.empty((room, 2), np.int16)
-        seen = kernels.ObjectSightings(starts, *made)
+        buffers = np.empty(room, np.int32), np.empty((room, 2), np.int16)
+        seen = kernels.ObjectSightings(starts, *buffers)
         kernels.find_sightings(places, 0, len(places), hits, rays, outline, seen, counts)
         starts = np.concatenate([[0], np.cumsum(counts)])
     return seen
@@ -404,10 +409,10 @@ def test_objective_equals_plain_matrices(outline):
     hits = hits_on(grid, rays)
     sums = kernels.sum_hits(hits, rays)
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
-    seen, every = sightings_of(hits, rays, outline, places), np.arange(3)
+    seen, every = find_object_sightings(hits, rays, outline, places), np.arange(3)
     scene = kernels.LandmarkScene(hits, sums, rays, outline)
-    found = ways.compute_mean_variances(places, every, seen, scene, routes, told, motion)
-    for place, value in zip(places, found, strict=True):
+    variances = ways.compute_mean_variances(places, every, seen, scene, routes, told, motion)
+    for place, value in zip(places, variances, strict=True):
         information = [
             oracles.landmarks.landmark_information(
                 grid.cells == OCCUPIED, normals, 0.5, rays, n, outline, [place]
@@ -427,17 +432,17 @@ def test_ray_inside_object_meets_nothing():
         )
 
 
-def seen_by(robot):
-    """What a robot sees on a short way, and the models of its filter."""
+def route_views(robot):
+    """Return the views of a robot along a short route."""
     hall = corridor(8.0, 2.4, resolution=0.05)
-    made = tried(hall, Pole(0.2), np.array([[-1.0, 0.0], [1.0, 0.0]]), robot)
-    return made.search.sight.route_views
+    landmarks = place_one(hall, Pole(0.2), np.array([[-1.0, 0.0], [1.0, 0.0]]), robot)
+    return landmarks.search.sight.route_views
 
 
 def test_likelihood_field_discounts_many_hits():
     """A hit counts about 22 times less if all beams hit."""
     six = Lidar(range=6.0)
-    product, summed = seen_by(Robot(six, filter=PRODUCT)), seen_by(Robot(six))
+    product, summed = route_views(Robot(six, filter=PRODUCT)), route_views(Robot(six))
     rays = product.rays.beams
     assert rays == summed.rays.beams
     ratio = product.sensing_model.share / (
@@ -447,23 +452,23 @@ def test_likelihood_field_discounts_many_hits():
 
 
 def test_heading_error_discounts_far_beams():
-    swing = [seen_by(Robot(SHORT, filter=amcl)).rays.swing for amcl in (PRODUCT, Amcl())]
+    swing = [route_views(Robot(SHORT, filter=amcl)).rays.swing for amcl in (PRODUCT, Amcl())]
     assert swing[0] == pytest.approx(2 * 0.2 * 0.25**2 / 0.4**2)
     assert swing[1] == pytest.approx(3 * swing[0])
-    assert seen_by(Robot(SHORT, filter=Amcl(alpha2=0.0))).rays.swing == 0
+    assert route_views(Robot(SHORT, filter=Amcl(alpha2=0.0))).rays.swing == 0
 
 
 def test_rays_are_dense_enough_for_objects():
     """Two rays meet a pole at the lidar's full range."""
-    rays = seen_by(Robot(Lidar(range=25.0))).rays
+    rays = route_views(Robot(Lidar(range=25.0))).rays
     assert rays.beams > 360
     assert 25.0 * rays.step <= 0.2 / 2  # a pole of 0.2 m
 
 
 def test_motion_noise_equals_filter_settings():
     slow = Robot(SHORT).with_settings({"alpha3": 0.1, "update_min_d": 0.5, "distance_drift": 0.0})
-    assert seen_by(slow).motion.along == pytest.approx(0.05)
-    assert seen_by(Robot(SHORT, filter=Amcl(alpha2=0.4))).motion.turn == pytest.approx(
+    assert route_views(slow).motion.along == pytest.approx(0.05)
+    assert route_views(Robot(SHORT, filter=Amcl(alpha2=0.4))).motion.turn == pytest.approx(
         2 * 0.4 * 0.25 + math.radians(1) ** 2
     )
 
@@ -471,8 +476,8 @@ def test_motion_noise_equals_filter_settings():
 # The search
 
 
-def test_objective_predicts_value_of_placed_object(placed):
-    objective = placed.search.sight
+def test_objective_predicts_value_of_placed_object(hallway_landmarks):
+    objective = hallway_landmarks.search.sight
     objective.place_objects(np.arange(0))
     values = objective.compute_objectives(np.arange(5))
     for n in range(5):
@@ -480,32 +485,42 @@ def test_objective_predicts_value_of_placed_object(placed):
         assert objective.compute_objective() == pytest.approx(values[n], rel=1e-6)
 
 
-def test_greedy_search_picks_best_places(placed):
-    search, chosen = placed.search, []
+def test_greedy_search_picks_best_places(hallway_landmarks):
+    search, chosen = hallway_landmarks.search, []
     for n in range(3):
         search.sight.place_objects(np.array(chosen, np.int64))
         values = search.sight.compute_objectives(np.arange(len(search.places)))
         lazy = dataclasses.replace(search, n_lazy=5).select_places(n + 1)[0][-1]
         chosen.append(search.find_best_place(chosen))
         assert lazy == chosen[-1]
-        assert (positions_of(placed)[chosen[-1]] == placed.positions[n]).all()
-        assert placed.curve[n + 1] == pytest.approx(values[chosen[-1]])
-        assert placed.curve[n + 1] == pytest.approx(values.min(), rel=0.02)  # or it is too close
-    assert (np.diff(placed.curve) < 0).all()
-    assert (placed.gains == -np.diff(placed.curve)).all()
-    assert 1 <= placed.n_useful <= 3
+        assert (
+            search_positions(hallway_landmarks)[chosen[-1]] == hallway_landmarks.positions[n]
+        ).all()
+        assert hallway_landmarks.curve[n + 1] == pytest.approx(values[chosen[-1]])
+        assert hallway_landmarks.curve[n + 1] == pytest.approx(
+            values.min(), rel=0.02
+        )  # or it is too close
+    assert (np.diff(hallway_landmarks.curve) < 0).all()
+    assert (hallway_landmarks.gains == -np.diff(hallway_landmarks.curve)).all()
+    assert 1 <= hallway_landmarks.n_useful <= 3
 
 
-def test_landmarks_ignore_thread_count(hallway, placed):
+def test_landmarks_ignore_thread_count(hallway, hallway_landmarks):
     again = place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE, threads=3)
-    assert (again.poses == placed.poses).all()
+    assert (again.poses == hallway_landmarks.poses).all()
 
 
-def test_landmarks_keep_clear_of_route(placed):
-    assert (np.abs(placed.poses[:, 1]) - 0.1 >= 0.25 + 0.2).all()
-    apart = np.hypot(*(placed.positions[:, None] - placed.positions[None]).transpose(2, 0, 1))
+def test_landmarks_keep_clear_of_route(hallway_landmarks):
+    assert (np.abs(hallway_landmarks.poses[:, 1]) - 0.1 >= 0.25 + 0.2).all()
+    apart = np.hypot(
+        *(hallway_landmarks.positions[:, None] - hallway_landmarks.positions[None]).transpose(
+            2, 0, 1
+        )
+    )
     assert (apart[~np.eye(3, dtype=bool)] > 0.25).all()
-    assert (placed.grid.cells == OCCUPIED).sum() > (placed.setting.grid.cells == OCCUPIED).sum()
+    assert (hallway_landmarks.grid.cells == OCCUPIED).sum() > (
+        hallway_landmarks.setting.grid.cells == OCCUPIED
+    ).sum()
 
 
 def test_landmarks_turn_with_map_yaw(hallway):
@@ -514,12 +529,12 @@ def test_landmarks_turn_with_map_yaw(hallway):
     turn = np.array([(cos, sin), (-sin, cos)])  # rows times this are turned counter-clockwise
     x, y = np.array(hallway.origin[:2]) @ turn
     turned = dataclasses.replace(hallway, origin=(x, y, hallway.origin[2] + yaw))
-    given = {"robot": Robot(lidar, filter=PRODUCT)}
-    found = []
+    robot = Robot(lidar, filter=PRODUCT)
+    results = []
     for grid, frame in ((hallway, np.eye(2)), (turned, turn)):
         route = {"middle": ROUTE["middle"] @ frame}
-        found.append(place_landmarks(grid, Box(0.4, 0.2), 2, paths=route, **given))
-    plain, other = found
+        results.append(place_landmarks(grid, Box(0.4, 0.2), 2, paths=route, robot=robot))
+    plain, other = results
     np.testing.assert_allclose(other.positions, plain.positions @ turn, atol=1e-6)
     np.testing.assert_allclose(other.poses[:, 2], plain.poses[:, 2] + yaw, atol=1e-6)
     np.testing.assert_allclose(other.curve, plain.curve, rtol=1e-4)
@@ -528,24 +543,24 @@ def test_landmarks_turn_with_map_yaw(hallway):
 
 def test_search_rejects_pair_closing_passage(hallway):
     route, kind = {"left": np.array([[-6.0, 0.0], [-3.0, 0.0]])}, Box(0.6, 0.9)
-    made = place_landmarks(hallway, kind, 2, paths=route, robot=DRIVEN)
-    search, at = made.search, positions_of(made)
+    landmarks = place_landmarks(hallway, kind, 2, paths=route, robot=DRIVEN)
+    search, at = landmarks.search, search_positions(landmarks)
     one = int(np.argmin(np.hypot(at[:, 0] + 1, at[:, 1] + 1)))
     opposite = int(np.argmin(np.hypot(at[:, 0] - at[one, 0], at[:, 1] - 1)))
     beside = int(np.argsort(np.hypot(*(at - at[one]).T))[1])
     assert search.is_allowed(opposite, [], search.make_robot_space([]))
     assert not search.is_allowed(opposite, [one], search.make_robot_space([one]))
     assert not search.is_allowed(beside, [one], search.make_robot_space([one]))
-    costs = locplan.Costmap.blank(made.grid, robot=0.35)
+    costs = locplan.Costmap.blank(landmarks.grid, robot=0.35)
     assert locplan.plan(costs, (-6, 0), (6, 0)).path
 
 
 def test_random_places_keep_passages_open(hallway):
-    made = tried(hallway, Box(0.6, 0.5), ROUTE["middle"])
-    search, costs = made.search, []
+    landmarks = place_one(hallway, Box(0.6, 0.5), ROUTE["middle"])
+    search, costs = landmarks.search, []
     for seed in range(5):
         chosen = search.draw_random_places(30, np.random.default_rng(seed))
-        poses = np.column_stack([positions_of(made), search.places[:, 2]])[chosen]
+        poses = np.column_stack([search_positions(landmarks), search.places[:, 2]])[chosen]
         marked = mark_objects(hallway, Box(0.6, 0.5), poses)
         costs.append(locplan.Costmap.blank(marked, robot=0.35))
         passages = search.robot_space.copy()
@@ -557,9 +572,9 @@ def test_random_places_keep_passages_open(hallway):
 
 def test_places_are_joined_by_shortest_paths(hallway):
     ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0), "c": (0.0, 0.3)}
-    made = place_landmarks(hallway, Pole(0.2), 1, robot=DRIVEN, places=ends)
-    assert list(made.setting.routes) == ["a to b", "a to c", "b to c"]
-    assert verify_landmarks(made, 2, random_sets=1).after.n_drives == 6
+    landmarks = place_landmarks(hallway, Pole(0.2), 1, robot=DRIVEN, places=ends)
+    assert list(landmarks.setting.routes) == ["a to b", "a to c", "b to c"]
+    assert verify_landmarks(landmarks, 2, random_sets=1).after.n_drives == 6
 
 
 def test_error_explains_lack_of_places(hallway):
@@ -588,32 +603,32 @@ def test_error_explains_lack_of_places(hallway):
     ],
 )
 def test_bad_arguments_are_refused(hallway, wrong, said):
-    given = {"kind": Pole(), "count": 1, "paths": ROUTE} | wrong
+    arguments = {"kind": Pole(), "count": 1, "paths": ROUTE} | wrong
     with pytest.raises(LocplanError, match=said):
-        place_landmarks(hallway, given.pop("kind"), given.pop("count"), **given)
+        place_landmarks(hallway, arguments.pop("kind"), arguments.pop("count"), **arguments)
 
 
 # Verification
 
 
 @pytest.fixture(scope="module")
-def verification(placed):
-    return verify_landmarks(placed, 6, random_sets=2)
+def verification(hallway_landmarks):
+    return verify_landmarks(hallway_landmarks, 6, random_sets=2)
 
 
-def test_landmarks_are_verified_by_drives(placed, verification):
+def test_landmarks_are_verified_by_drives(hallway_landmarks, verification):
     assert (verification.before.n_drives, verification.after.n_drives) == (6, 6)
     assert verification.random.n_drives == 6
     assert verification.after.rmse.value < verification.before.rmse.value
-    again = verify_landmarks(placed, 6, random_sets=2, threads=1)
+    again = verify_landmarks(hallway_landmarks, 6, random_sets=2, threads=1)
     assert again.table() == verification.table()
 
 
 def test_verification_reports_route_without_losses():
     grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     route = {"room": np.array([[2.0, 3.0], [5.0, 3.0]])}
-    made = place_landmarks(grid, Pole(0.2), 1, paths=route)
-    driven = verify_landmarks(made, 4, random_sets=1)
+    landmarks = place_landmarks(grid, Pole(0.2), 1, paths=route)
+    driven = verify_landmarks(landmarks, 4, random_sets=1)
     assert driven.word in ("no difference", "undecided")
     assert driven.verdict.startswith(f"{driven.word}: no drive was lost to begin with; error 0.")
 
@@ -658,7 +673,7 @@ def test_sightings_equal_shortened_rays():
     rows, cols = np.nonzero(grid.free)
     places = np.column_stack([cols * 0.5 + 0.2, rows * 0.5 + 0.3, np.full(len(rows), 0.4)])
     for outline in OUTLINES:
-        seen = sightings_of(hits, rays, outline, places)
+        seen = find_object_sightings(hits, rays, outline, places)
         for m, place in enumerate(places):
             after, touched = hits.copy(), np.zeros(len(hits), bool)
             kernels.add_object_to_hits(after, rays, outline, *place, touched)
@@ -674,36 +689,36 @@ def test_sightings_equal_shortened_rays():
 def test_replanning_keeps_user_paths(hallway):
     """Only shortest paths between places are planned again."""
     bent = np.array([[-6.0, 0.0], [-3.0, 0.5], [0.0, -0.5], [6.0, 0.0]])
-    made = place_landmarks(hallway, Pole(0.2), 1, paths={"bent": bent}, robot=DRIVEN)
-    assert not made.setting.is_planned
-    assert (made.setting.replan_routes(made.grid)["bent"].xy == bent).all()
+    landmarks = place_landmarks(hallway, Pole(0.2), 1, paths={"bent": bent}, robot=DRIVEN)
+    assert not landmarks.setting.is_planned
+    assert (landmarks.setting.replan_routes(landmarks.grid)["bent"].xy == bent).all()
     ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0)}
-    made = place_landmarks(hallway, Pole(0.2), 1, places=ends, robot=DRIVEN)
-    beside = mark_objects(made.setting.grid, Box(0.4, 0.4), [(0.0, 0.0)])
-    around = made.setting.replan_routes(beside)["a to b"].length
-    assert around > made.setting.routes["a to b"].length + 0.02
+    landmarks = place_landmarks(hallway, Pole(0.2), 1, places=ends, robot=DRIVEN)
+    beside = mark_objects(landmarks.setting.grid, Box(0.4, 0.4), [(0.0, 0.0)])
+    around = landmarks.setting.replan_routes(beside)["a to b"].length
+    assert around > landmarks.setting.routes["a to b"].length + 0.02
 
 
 # Reports and the command
 
 
-def test_figure_title_states_verdict(placed, verification, tmp_path):
-    for name, given in (("without", None), ("with", verification)):
+def test_figure_title_states_verdict(hallway_landmarks, verification, tmp_path):
+    for name, drives in (("without", None), ("with", verification)):
         file = tmp_path / f"{name}.png"
-        figure = landmarks_figure(placed, given)
+        figure = landmarks_figure(hallway_landmarks, drives)
         locplan._support.drawing.save_figure(figure, file)
         assert file.stat().st_size > 10_000
-        answer = given.verdict if given else "not verified by drives"
+        answer = drives.verdict if drives else "not verified by drives"
         title = figure.get_suptitle().replace("\n", " ")
-        assert title.startswith(f"{placed.setting.grid.name or 'map'}: {answer}")
+        assert title.startswith(f"{hallway_landmarks.setting.grid.name or 'map'}: {answer}")
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(30, 200), (90, 100), (100, 100), (300, 30)])
-def test_maps_fill_figure(placed, rows, cols):
+def test_maps_fill_figure(hallway_landmarks, rows, cols):
     grid = open_floor(rows, cols)
     route = {"middle": Path([(0.5, 0.5), (0.1 * cols - 0.5, 0.1 * rows - 0.5)])}
-    setting = dataclasses.replace(placed.setting, grid=grid, routes=route)
-    figure = landmarks_figure(dataclasses.replace(placed, setting=setting))
+    setting = dataclasses.replace(hallway_landmarks.setting, grid=grid, routes=route)
+    figure = landmarks_figure(dataclasses.replace(hallway_landmarks, setting=setting))
     assert figure.get_figwidth() < 14
     figure.draw_without_rendering()
     first, second = (own for own in figure.axes if own.images)
@@ -719,49 +734,49 @@ def test_maps_fill_figure(placed, rows, cols):
     assert width - used < 3.0 or used > 0.6 * width
 
 
-def test_report_shows_positions_of_poles_first(placed, verification):
-    text = placed.report(verification)
+def test_report_shows_positions_of_poles_first(hallway_landmarks, verification):
+    text = hallway_landmarks.report(verification)
     assert text.splitlines()[0].split()[:5] == ["landmark", "x", "[m]", "y", "[m]"]
     assert "heading" not in text
-    assert "heading" in placed.table().names
+    assert "heading" in hallway_landmarks.table().names
 
 
-def test_report_names_useful_landmark_count(placed):
-    few = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.249]))
+def test_report_names_useful_landmark_count(hallway_landmarks):
+    few = dataclasses.replace(hallway_landmarks, curve=np.array([1.0, 0.5, 0.25, 0.249]))
     advice = "From number 3 on, each lowers the expected deviation by less than 5 %: 2 may do."
     assert advice in few.report()
-    none = dataclasses.replace(placed, curve=np.array([1.0, 0.98, 0.96, 0.94]))
+    none = dataclasses.replace(hallway_landmarks, curve=np.array([1.0, 0.98, 0.96, 0.94]))
     assert "Each landmark lowers the expected deviation by less than 5 %." in none.report()
-    all_pay = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.1]))
+    all_pay = dataclasses.replace(hallway_landmarks, curve=np.array([1.0, 0.5, 0.25, 0.1]))
     assert "less than 5 %" not in all_pay.report()
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_saved_landmarks_have_outlines_and_sizes(placed, tmp_path):
-    placed.save(tmp_path)
-    made = json.loads((tmp_path / "landmarks.geojson").read_text())["features"]
-    about = [each["properties"] for each in made]
+def test_saved_landmarks_have_outlines_and_sizes(hallway_landmarks, tmp_path):
+    hallway_landmarks.save(tmp_path)
+    features = json.loads((tmp_path / "landmarks.geojson").read_text())["features"]
+    about = [feature["properties"] for feature in features]
     assert [each["number"] for each in about] == [1, 2, 3]
     assert {(each["kind"], each["length"], each["frame"]) for each in about} == {
         ("pole", 0.2, "map")
     }
-    ring = np.array(made[0]["geometry"]["coordinates"][0])
+    ring = np.array(features[0]["geometry"]["coordinates"][0])
     assert (ring[0] == ring[-1]).all()
-    assert np.hypot(*(ring - placed.positions[0]).T) == pytest.approx(0.1, abs=1e-3)
+    assert np.hypot(*(ring - hallway_landmarks.positions[0]).T) == pytest.approx(0.1, abs=1e-3)
     summary = json.loads((tmp_path / "landmarks.json").read_text())
-    assert summary["landmarks"] == placed.table().records()
+    assert summary["landmarks"] == hallway_landmarks.table().records()
     assert not (tmp_path / "verification.csv").exists()
 
 
-def test_table_lists_poses_and_gains(placed):
-    before, after = (f"{placed.expected_deviations[n]:.3g}" for n in (0, 3))
-    assert f"3 x {placed.setting.kind.title} in " in repr(placed)
-    assert f"expected deviation {before} -> {after})" in repr(placed)
+def test_table_lists_poses_and_gains(hallway_landmarks):
+    before, after = (f"{hallway_landmarks.expected_deviations[n]:.3g}" for n in (0, 3))
+    assert f"3 x {hallway_landmarks.setting.kind.title} in " in repr(hallway_landmarks)
+    assert f"expected deviation {before} -> {after})" in repr(hallway_landmarks)
     for record, pose, gain, expected in zip(
-        placed.table().records(),
-        placed.poses,
-        placed.gains,
-        placed.expected_deviations[1:],
+        hallway_landmarks.table().records(),
+        hallway_landmarks.poses,
+        hallway_landmarks.gains,
+        hallway_landmarks.expected_deviations[1:],
         strict=True,
     ):
         assert [record[name] for name in ("x", "y", "heading")] == pose.tolist()
@@ -823,8 +838,10 @@ def test_landmarks_command_writes_places_and_map(run, map_file, tmp_path):
 
 def test_landmarks_command_reads_places_file(run, map_file, tmp_path):
     (tmp_path / "places.csv").write_text("name,x,y\na,-5,0\nb,5,0\n")
-    given = ["--places", tmp_path / "places.csv", "--drives", 0]
-    code, said, err = run("landmarks", map_file, *given, "--count", 1, "--set", "range=3", "--json")
+    options = ["--places", tmp_path / "places.csv", "--drives", 0]
+    code, said, err = run(
+        "landmarks", map_file, *options, "--count", 1, "--set", "range=3", "--json"
+    )
     assert code == 0, err
     about = json.loads(said)
     assert len(about["landmarks"]) == 1
@@ -853,8 +870,8 @@ def test_three_poles_help_in_bare_corridor(count):
     grid = locplan.maps.environments.make("two_corridors")
     route = {"straight": np.array([[2.0, 3.0], [38.0, 3.0]])}
     amcl = Amcl(laser_model_type="likelihood_field_prob")
-    placed = place_landmarks(grid, Pole(0.2), count, robot=Robot(filter=amcl), paths=route)
-    driven = verify_landmarks(placed, 100)
+    landmarks = place_landmarks(grid, Pole(0.2), count, robot=Robot(filter=amcl), paths=route)
+    driven = verify_landmarks(landmarks, 100)
     assert driven.word == "better"
     assert driven.after.lost_rate.value <= 0.02
     assert driven.before.lost_rate.value >= 0.7

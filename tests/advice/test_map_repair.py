@@ -1,4 +1,4 @@
-"""The map for the filter: what is mended, what drives say of it, and what Nav2 needs."""
+"""The repaired map for the filter: its cells, its verdict, and its files for Nav2."""
 
 import numpy as np
 import pytest
@@ -19,23 +19,23 @@ ROOM = ascii_map("########", *["#......#"] * 4, "########", resolution=0.5)
 
 
 @pytest.fixture(scope="module")
-def mended():
+def blocks_repair():
     return repair(blocks(), paths=2, drives=8)
 
 
-def test_hollow_map_loses_fewer_drives(mended):
-    assert mended.grid == blocks()
-    assert mended.filter_map == hollow_walls(blocks())
-    (verdict,) = mended.verdicts
+def test_hollow_map_loses_fewer_drives(blocks_repair):
+    assert blocks_repair.grid == blocks()
+    assert blocks_repair.filter_map == hollow_walls(blocks())
+    (verdict,) = blocks_repair.verdicts
     assert verdict.lost_repaired.value < verdict.lost_as_is.value
     assert verdict.rmse_ratio.value < 1
-    assert verdict.verdict == mended.summary()["verdicts"][0]["verdict"] == "better"
-    assert "better" in mended.report()
+    assert verdict.verdict == blocks_repair.summary()["verdicts"][0]["verdict"] == "better"
+    assert "better" in blocks_repair.report()
 
 
-def test_repair_figure_names_lost_drives(mended):
-    (verdict,) = mended.verdicts
-    figure = repair_figure(mended)
+def test_repair_figure_names_lost_drives(blocks_repair):
+    (verdict,) = blocks_repair.verdicts
+    figure = repair_figure(blocks_repair)
     assert figure.get_suptitle().endswith(f"repaired map: {verdict.verdict} for {verdict.filter}")
     titles = [axes.get_title() for axes in figure.axes]
     shares = verdict.lost_as_is.value, verdict.lost_repaired.value
@@ -43,19 +43,19 @@ def test_repair_figure_names_lost_drives(mended):
         assert f"\n{share:.0%} of the drives lost, {verdict.filter}" in title
 
 
-def test_repair_drives_default_and_robot_filter(mended):
+def test_repair_drives_default_and_robot_filter(blocks_repair):
     robot = locplan.Robot().with_settings({"alpha1": 0.05})
     both = repair(blocks(), robot, paths=2, drives=8)
-    assert both.verdicts[0] == mended.verdicts[0]
+    assert both.verdicts[0] == blocks_repair.verdicts[0]
     assert [each.filter for each in both.verdicts] == ["Nav2's defaults", "the robot's"]
     assert both.verdicts[1] != both.verdicts[0]
 
 
 def test_repair_skips_drives_without_faults(tmp_path):
-    found = repair(ROOM)
-    assert (found.n_changed, found.verdicts) == (0, ())
-    assert "Nothing to repair" in found.report()
-    found.save(tmp_path / "room")
+    result = repair(ROOM)
+    assert (result.n_changed, result.verdicts) == (0, ())
+    assert "Nothing to repair" in result.report()
+    result.save(tmp_path / "room")
     assert not (tmp_path / "room" / "map_amcl.yaml").exists()
 
 
@@ -64,15 +64,15 @@ def test_specks_are_erased_and_walls_stay():
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     walls = cells.copy()
     cells[5:55:8, 5:55:8] = OCCUPIED
-    found = repair(OccupancyGrid(cells, 0.05), locplan.Robot(footprint=0.02, margin=0.0), drives=2)
-    assert np.array_equal(found.filter_map.cells, walls)
+    result = repair(OccupancyGrid(cells, 0.05), locplan.Robot(footprint=0.02, margin=0.0), drives=2)
+    assert np.array_equal(result.filter_map.cells, walls)
 
 
-def test_repair_writes_second_map_server(mended, tmp_path):
+def test_repair_writes_second_map_server(blocks_repair, tmp_path):
     """It has its own lifecycle manager."""
-    mended.save(tmp_path)
+    blocks_repair.save(tmp_path)
     written = load_map(tmp_path / "map_amcl.yaml")
-    assert np.array_equal(written.cells, mended.filter_map.cells)
+    assert np.array_equal(written.cells, blocks_repair.filter_map.cells)
     assert (written.resolution, written.origin) == (blocks().resolution, blocks().origin)
     assert yaml.safe_load((tmp_path / "map_amcl.yaml").read_text())["mode"] == "trinary"
     servers = yaml.safe_load((tmp_path / "servers.yaml").read_text())
@@ -96,9 +96,9 @@ def test_simulate_suggests_repair_of_solid_walls(tmp_path, run):
     assert (code, err.count("repair")) == (0, 0)
 
 
-def test_report_names_affected_filters(mended, tmp_path, run):
+def test_report_names_affected_filters(blocks_repair, tmp_path, run):
     """A beam model needs no repaired map."""
-    (line,) = (each for each in mended.report().splitlines() if "helps" in each)
+    (line,) = (each for each in blocks_repair.report().splitlines() if "helps" in each)
     assert "AMCL, als_ros" in line
     assert "als_ros" not in repair(ROOM).report()
     save_map(blocks(), tmp_path / "blocks.yaml")
@@ -108,26 +108,29 @@ def test_report_names_affected_filters(mended, tmp_path, run):
     assert "needs no repaired map" in check_refusal(run(*words))
 
 
-def test_wrong_numbers_are_refused(tmp_path, run):
+def test_repair_rejects_wrong_numbers(tmp_path, run):
     save_map(ROOM, tmp_path / "room.yaml")
     assert "drives" in check_refusal(run("repair", tmp_path / "room.yaml", "--drives", "1"))
     assert "paths" in check_refusal(run("repair", tmp_path / "room.yaml", "--paths", "0"))
+
+
+def test_repair_rejects_costmap_filter_mask(tmp_path, run):
     save_map(ROOM, tmp_path / "speed_mask.yaml")
-    mask = "repair", tmp_path / "speed_mask.yaml", "-o", tmp_path / "mended"
+    mask = "repair", tmp_path / "speed_mask.yaml", "-o", tmp_path / "repaired"
     assert "plan on the map that it belongs to" in check_refusal(run(*mask))
-    assert not (tmp_path / "mended").exists()
+    assert not (tmp_path / "repaired").exists()
 
 
 def test_repair_recognizes_costmap_file(tmp_path, run):
     pixels = np.full((60, 80), 254, np.uint8)
     pixels[20:30, 20:40] = 253
     pixels[[0, -1]] = pixels[:, [0, -1]] = 50
-    lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
+    lab = write_map(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
     code, out, _ = run("repair", lab)
     assert (code, "costmap: this is a costmap, not a map" in out) == (0, True)
 
 
-def file_of(folder, pixels, thresholds):
+def write_map(folder, pixels, thresholds):
     Image.fromarray(pixels).save(folder / "lab.png")
     (folder / "lab.yaml").write_text(
         f"image: lab.png\nresolution: 0.1\norigin: [0, 0, 0]\n{thresholds}\n"
@@ -139,18 +142,18 @@ def test_repair_corrects_thresholds_in_both_maps(tmp_path, run):
     """One map is for the filter, one for planning."""
     pixels = np.full((60, 80), 254, np.uint8)
     pixels[[0, -1]] = pixels[:, [0, -1]] = pixels[20:24, 20:60] = 110
-    lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
-    words = "repair", lab, "--paths", "2", "--drives", "2", "-o", tmp_path / "mended"
+    lab = write_map(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
+    words = "repair", lab, "--paths", "2", "--drives", "2", "-o", tmp_path / "repaired"
     code, out, _ = run(*words)
     assert (code, "Plan on map.yaml (free_thresh 0.196" in out) == (0, True)
-    read = load_map(tmp_path / "mended" / "map.yaml")
+    read = load_map(tmp_path / "repaired" / "map.yaml")
     assert np.array_equal(read.cells == OCCUPIED, pixels[::-1] == 110)
-    assert np.array_equal(load_map(tmp_path / "mended" / "map_amcl.yaml").cells, read.cells)
+    assert np.array_equal(load_map(tmp_path / "repaired" / "map_amcl.yaml").cells, read.cells)
     grid, source = read_map(lab)
     assert with_corrected_thresholds(grid, None) == grid
-    made = repair(grid, source=source, paths=2, drives=2)
-    assert made.faults.faults == faults(grid, source).faults
-    assert made.verdicts[0].rmse_ratio.value < 1
+    result = repair(grid, source=source, paths=2, drives=2)
+    assert result.faults.faults == faults(grid, source).faults
+    assert result.verdicts[0].rmse_ratio.value < 1
 
 
 @pytest.mark.parametrize(
@@ -185,9 +188,9 @@ def test_repair_restores_unknown_cells(tmp_path, run):
     pixels = np.full((20, 20), 205, np.uint8)
     pixels[5:11, 5:11] = 0
     pixels[6:10, 6:10] = 254
-    lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.25")
+    lab = write_map(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.25")
     code, out, _ = run("repair", lab)
     assert (code, "The walls are unchanged" in out) == (0, True)
     assert "No simulated drives: lab: has no cell where the robot fits" in out
-    found = repair(*read_map(lab)[:1], source=read_map(lab)[1])
-    assert np.array_equal(found.filter_map.cells == FREE, pixels[::-1] == 254)
+    result = repair(*read_map(lab)[:1], source=read_map(lab)[1])
+    assert np.array_equal(result.filter_map.cells == FREE, pixels[::-1] == 254)

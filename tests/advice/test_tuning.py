@@ -1,4 +1,4 @@
-"""Tuning of AMCL: how presets are chosen, and the files that are written."""
+"""Tuning of AMCL: the choice of a preset, and the files of the result."""
 
 import dataclasses
 import json
@@ -56,10 +56,10 @@ def tuning():
 LINE = np.column_stack([np.arange(101) * 0.05, np.zeros(101), np.zeros(101)])
 
 
-def case_of(errors, off=None, name="usual", fault=""):
-    """A case of 64 drives with known errors and numbers of drives off at the end.
+def make_case(errors, off=None, name="usual", fault=""):
+    """Return a case of 64 drives with known errors and numbers of drives off at the end.
 
-    Both are of the user's settings, the precise and the safe ones.
+    Both belong to the user's settings, the precise preset and the safe preset.
     """
     driven = []
 
@@ -79,7 +79,7 @@ OFF_ERROR = LOST_DISTANCE + 0.2
 
 
 class Recorded:
-    """A recording on which replays have known errors at the end, and all the way."""
+    """A recording whose replays have known errors, at the end and along the way."""
 
     name = "drive 1"
 
@@ -95,7 +95,7 @@ class Recorded:
         return Drives(LINE, errors)
 
 
-def choose_among(*cases, recordings=(), **options):
+def choose_from_cases(*cases, recordings=(), **options):
     return choose_preset(Amcl(), cases, [LINE], recordings, **options)
 
 
@@ -116,14 +116,14 @@ def test_preset_without_changes_is_dropped():
 
 
 def test_precise_preset_needs_all_levels():
-    """It is used without a recording only if it is rarely off at the end at any level."""
-    usual, _ = case_of(BETTER)
-    harmless, _ = case_of(BETTER, (9, 4, 5), "slip", "odometry slips")
-    assert choose_among(usual, harmless).name == PRECISE
-    short, _ = case_of(BETTER, (60, 60, 60), "standstill", "odometry stands still")
-    assert choose_among(usual, harmless, short).name == SAFE
-    harmful, _ = case_of(BETTER, (9, 30, 9), "standstill", "odometry stands still")
-    choice = choose_among(usual, harmless, harmful)
+    """Without a recording, it must be rarely off at the end at all levels."""
+    usual, _ = make_case(BETTER)
+    harmless, _ = make_case(BETTER, (9, 4, 5), "slip", "odometry slips")
+    assert choose_from_cases(usual, harmless).name == PRECISE
+    short, _ = make_case(BETTER, (60, 60, 60), "standstill", "odometry stands still")
+    assert choose_from_cases(usual, harmless, short).name == SAFE
+    harmful, _ = make_case(BETTER, (9, 30, 9), "standstill", "odometry stands still")
+    choice = choose_from_cases(usual, harmless, harmful)
     assert (choice.name, choice.settings) == (SAFE, SAFE_SETTINGS)
     assert "47 % [35, 59] of the drives if odometry stands still" in choice.objections[PRECISE]
     assert choice.untested_error == pytest.approx(0.05, abs=0.001)
@@ -135,18 +135,18 @@ def test_precise_preset_needs_all_levels():
 
 
 def test_preset_harmful_at_level_is_rejected():
-    usual, _ = case_of(BETTER)
-    one, _ = case_of(BETTER, (30, 8, 30), "slip", "odometry slips")
-    other, _ = case_of(BETTER, (4, 0, 12), "turns", "odometry errs in turns")
-    assert choose_among(usual, one).name == SAFE
-    choice = choose_among(usual, one, other)
+    usual, _ = make_case(BETTER)
+    one, _ = make_case(BETTER, (30, 8, 30), "slip", "odometry slips")
+    other, _ = make_case(BETTER, (4, 0, 12), "turns", "odometry errs in turns")
+    assert choose_from_cases(usual, one).name == SAFE
+    choice = choose_from_cases(usual, one, other)
     assert (choice.name, choice.settings, choice.changes) == (USER_SETTINGS, Amcl(), "")
     assert [*choice.objections] == [PRECISE, SAFE]
 
 
 def test_preset_needs_gain_at_usual_level():
-    usual, _ = case_of((0.2, 0.2, 0.2))
-    choice = choose_among(usual)
+    usual, _ = make_case((0.2, 0.2, 0.2))
+    choice = choose_from_cases(usual)
     assert choice.name == USER_SETTINGS
     assert (
         choice.objections[SAFE] == "safe settings are not better than your settings: no difference"
@@ -155,13 +155,13 @@ def test_preset_needs_gain_at_usual_level():
 
 
 def test_choice_skips_drives_without_influence():
-    usual, _ = case_of(BETTER)
-    harmful, _ = case_of(BETTER, (0, 30, 0), "standstill", "odometry stands still")
-    later, driven = case_of(BETTER, (0, 0, 0), "slip", "odometry slips")
-    choice = choose_among(usual, harmful, later, drives_all=False)
+    usual, _ = make_case(BETTER)
+    harmful, _ = make_case(BETTER, (0, 30, 0), "standstill", "odometry stands still")
+    later, driven = make_case(BETTER, (0, 0, 0), "slip", "odometry slips")
+    choice = choose_from_cases(usual, harmful, later, drives_all=False)
     assert choice.name == SAFE
     assert driven == [2]  # the safe preset is never off, whatever the user's settings are
-    full = choose_among(usual, harmful, later)
+    full = choose_from_cases(usual, harmful, later)
     assert (full.name, driven) == (SAFE, [2, *[0] * 3, *[1] * 3, *[2] * 3])
     assert len(full.results) == 9
 
@@ -178,10 +178,10 @@ def test_choice_skips_drives_without_influence():
     ],
 )
 def test_level_ends_at_first_decision(off, name, driven):
-    """Looks are after 16, 32 and 64 drives; places are those of the settings that drive then."""
-    usual, _ = case_of(BETTER)
-    level, places = case_of(BETTER, off, "slip", "odometry slips")
-    choice = choose_among(usual, level, drives_all=False)
+    """Drives end at 16, 32 or 64; `driven` lists the settings of each step by their index."""
+    usual, _ = make_case(BETTER)
+    level, places = make_case(BETTER, off, "slip", "odometry slips")
+    choice = choose_from_cases(usual, level, drives_all=False)
     assert (choice.name, places) == (name, driven)
     drives = {row.settings: row.n_drives for row in choice.results if row.case == "slip"}
     assert drives[PRECISE] == 16 * driven.count(1)
@@ -189,17 +189,17 @@ def test_level_ends_at_first_decision(off, name, driven):
 
 def test_choice_states_rates_of_hardest_level():
     """Harm that 64 drives cannot prove is visible, with intervals."""
-    usual, _ = case_of(BETTER, (1, 40, 2))
-    slip, _ = case_of(BETTER, (9, 64, 10), "slip", "odometry slips")
-    standstill, _ = case_of(BETTER, (20, 64, 24), "standstill", "odometry stands still")
-    choice = choose_among(usual, slip, standstill)
+    usual, _ = make_case(BETTER, (1, 40, 2))
+    slip, _ = make_case(BETTER, (9, 64, 10), "slip", "odometry slips")
+    standstill, _ = make_case(BETTER, (20, 64, 24), "standstill", "odometry stands still")
+    choice = choose_from_cases(usual, slip, standstill)
     assert choice.hardest_level == (
         "Hardest test: if odometry stands still, drives with safe settings are off at the end in"
         " 38 % [27, 50], your settings in 31 % [21, 43]."
     )
-    assert choose_among(usual, recordings=[Recorded((0.2, 0.06, 0.1))]).hardest_level == ""
-    harmful, _ = case_of(BETTER, (9, 64, 1), "slip", "odometry slips")
-    quick = choose_among(usual, harmful, drives_all=False)
+    assert choose_from_cases(usual, recordings=[Recorded((0.2, 0.06, 0.1))]).hardest_level == ""
+    harmful, _ = make_case(BETTER, (9, 64, 1), "slip", "odometry slips")
+    quick = choose_from_cases(usual, harmful, drives_all=False)
     assert quick.hardest_level == (
         "Hardest test: if odometry slips, drives with safe settings are off at the end in"
         " 3 % [1, 16]."
@@ -207,26 +207,26 @@ def test_choice_states_rates_of_hardest_level():
 
 
 def test_trailing_preset_is_driven_less():
-    (case, places) = case_of((0.2, 0.3, 0.1))
+    (case, places) = make_case((0.2, 0.3, 0.1))
     usual = dataclasses.replace(case, looks=(24, 64))
-    choice = choose_among(usual, drives_all=False)
+    choice = choose_from_cases(usual, drives_all=False)
     assert (choice.name, places) == (SAFE, [0, 1, 2, 0, 2])
     drives = {row.settings: row.n_drives for row in choice.results}
     assert drives == {USER_SETTINGS: 64, PRECISE: 24, SAFE: 64}
 
 
 def test_recording_excludes_preset_from_simulation():
-    usual, places = case_of(BETTER)
-    assert choose_among(usual, recordings=[Recorded((0.2, 0.3, 0.1))]).name == SAFE
+    usual, places = make_case(BETTER)
+    assert choose_from_cases(usual, recordings=[Recorded((0.2, 0.3, 0.1))]).name == SAFE
     assert 1 not in places
 
 
 def test_preset_with_more_losses_is_rejected():
-    """Two drives more are chance, eighteen are not, though the error is smaller."""
-    usual, _ = case_of(BETTER, (2, 4, 2))
-    assert choose_among(usual).name == PRECISE
-    usual, _ = case_of(BETTER, (2, 20, 2))
-    choice = choose_among(usual)
+    """Two more lost drives are chance, eighteen are not; the error is smaller in both cases."""
+    usual, _ = make_case(BETTER, (2, 4, 2))
+    assert choose_from_cases(usual).name == PRECISE
+    usual, _ = make_case(BETTER, (2, 20, 2))
+    choice = choose_from_cases(usual)
     assert choice.name == SAFE
     assert (
         choice.objections[PRECISE]
@@ -238,10 +238,10 @@ def test_preset_with_more_losses_is_rejected():
 
 
 def test_recording_decides_instead_of_levels():
-    usual, _ = case_of(BETTER)
-    harmful, driven = case_of(BETTER, (0, 30, 0), "standstill", "odometry stands still")
+    usual, _ = make_case(BETTER)
+    harmful, driven = make_case(BETTER, (0, 30, 0), "standstill", "odometry stands still")
     recording = Recorded((0.2, 0.06, 0.1))
-    choice = choose_among(usual, harmful, recordings=[recording])
+    choice = choose_from_cases(usual, harmful, recordings=[recording])
     assert (choice.name, driven) == (PRECISE, [])
     assert choice.recordings == ("drive 1",)
     rows = {(row.settings, row.case): row for row in choice.results}
@@ -260,41 +260,41 @@ def test_recording_decides_instead_of_levels():
     ],
 )
 def test_preset_failing_on_recording_is_rejected(errors, at_end, name, reason):
-    usual, _ = case_of(BETTER)
-    choice = choose_among(usual, recordings=[Recorded(errors, at_end)])
+    usual, _ = make_case(BETTER)
+    choice = choose_from_cases(usual, recordings=[Recorded(errors, at_end)])
     assert choice.name == name
     assert reason in choice.objections[PRECISE]
 
 
 def test_faulty_recording_rules_out_precise_preset():
-    usual, _ = case_of(BETTER)
+    usual, _ = make_case(BETTER)
     recording = Recorded((0.2, 0.06, 0.1))
-    choice = choose_among(usual, recordings=[recording], are_recordings_sound=False)
+    choice = choose_from_cases(usual, recordings=[recording], are_recordings_sound=False)
     assert choice.name == SAFE
     assert 1 not in recording.replayed
-    alone = choose_among(usual, are_recordings_sound=False)
+    alone = choose_from_cases(usual, are_recordings_sound=False)
     assert alone.name == SAFE
 
 
 def test_recording_decides_if_simulation_is_undecided():
-    undecided, _ = case_of((0.2, 0.2, 0.2))
-    assert choose_among(undecided, recordings=[Recorded((0.2, 0.06, 0.1))]).name == PRECISE
-    worse, _ = case_of((0.2, 0.4, 0.2))
-    assert choose_among(worse, recordings=[Recorded((0.2, 0.06, 0.1))]).name == SAFE
+    undecided, _ = make_case((0.2, 0.2, 0.2))
+    assert choose_from_cases(undecided, recordings=[Recorded((0.2, 0.06, 0.1))]).name == PRECISE
+    worse, _ = make_case((0.2, 0.4, 0.2))
+    assert choose_from_cases(worse, recordings=[Recorded((0.2, 0.06, 0.1))]).name == SAFE
 
 
 def test_settings_must_hold_on_all_recordings():
-    usual, _ = case_of(BETTER)
+    usual, _ = make_case(BETTER)
     good, bad = Recorded((0.2, 0.06, 0.1)), Recorded((0.2, 0.3, 0.1))
     bad.name = "drive 2"
-    choice = choose_among(usual, recordings=[good, bad])
+    choice = choose_from_cases(usual, recordings=[good, bad])
     assert choice.name == SAFE
     assert choice.objections[PRECISE].endswith("on drive 2")
 
 
 def test_cost_follows_updates_along_lines():
-    usual, _ = case_of((0.2, 0.2, 0.1))
-    choice = choose_among(usual)
+    usual, _ = make_case((0.2, 0.2, 0.1))
+    choice = choose_from_cases(usual)
     assert choice.cost_ratio == pytest.approx(2.2, abs=0.1)
     times = f"{choice.cost_ratio:.1f} times the filter's CPU"
     assert choice.title == f"safe: update_min_d 0.1, update_min_a 0.1, {times}"
@@ -315,7 +315,7 @@ def test_random_paths_are_seeded_and_cut():
 
 
 def test_cut_path_keeps_headings():
-    """A robot that turns in place, and reverses, does so on the part."""
+    """Turns in place and reverse driving stay in the cut part."""
     path = Path(np.array([[0, 0], [30, 0], [30, 0], [80, 0]]), np.array([0, 0, np.pi, np.pi]))
     part = cut_path(path, 0.25)
     assert part.xy.tolist() == [[10, 0], [30, 0], [30, 0], [50, 0]]
@@ -404,7 +404,7 @@ def test_tune_ignores_thread_count(tuning):
 
 @pytest.fixture(scope="module")
 def precise(tuning):
-    """The same tuning with the precise preset as its result."""
+    """Return the same tuning with the precise preset as its result."""
     choice = dataclasses.replace(tuning.choice, name=PRECISE)
     return dataclasses.replace(tuning, choice=choice)
 
@@ -421,18 +421,18 @@ def test_rejected_presets_change_nothing(tuning, tmp_path):
     assert unclear.conclusion == "Keep your settings: it is worse"
 
 
-def saved(tuning, folder, params=None):
-    """The parameter file in a folder of results."""
+def save_parameters(tuning, folder, params=None):
+    """Save the results in a folder, and return its parameter file."""
     tuning.save(folder, params)
     return folder / "nav2_params.yaml"
 
 
 def test_new_parameter_file_is_complete(tuning, tmp_path):
-    file = saved(tuning, tmp_path / "out")
+    file = save_parameters(tuning, tmp_path / "out")
     assert read_amcl(file) == tuning.winner
-    given = yaml.safe_load(file.read_text())["amcl"]["ros__parameters"]
-    assert given["robot_model_type"] == "nav2_amcl::DifferentialMotionModel"
-    assert given["scan_topic"] == "scan"
+    parameters = yaml.safe_load(file.read_text())["amcl"]["ros__parameters"]
+    assert parameters["robot_model_type"] == "nav2_amcl::DifferentialMotionModel"
+    assert parameters["scan_topic"] == "scan"
     assert "  # Nav2's default is 2000" in file.read_text()
 
 
@@ -442,7 +442,7 @@ def test_wrong_parameter_file_is_not_kept(precise, tmp_path, monkeypatch):
     monkeypatch.setattr(edited, lambda path, *_: path.read_bytes())
     (tmp_path / "mine.yaml").write_text(PARAMS)
     with pytest.raises(LocplanError, match="could not be written as it was meant"):
-        saved(precise, tmp_path / "out", tmp_path / "mine.yaml")
+        save_parameters(precise, tmp_path / "out", tmp_path / "mine.yaml")
     assert not (tmp_path / "out").exists()
 
 
@@ -460,10 +460,10 @@ PARAMS = """amcl:
 def test_users_file_is_copied_with_preset(precise, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text(PARAMS)
-    made = saved(precise, tmp_path / "out", file)
+    saved_file = save_parameters(precise, tmp_path / "out", file)
     with pytest.warns(UserWarning, match="unknown_to_us"):
-        assert read_amcl(made) == precise.winner
-    text = made.read_text()
+        assert read_amcl(saved_file) == precise.winner
+    text = saved_file.read_text()
     assert "    # mine\n" in text
     assert "alpha1: 0.05  # set long ago\n" in text
     assert "alpha2: 0.05\n" in text
@@ -476,9 +476,9 @@ def test_users_file_is_copied_with_preset(precise, tmp_path):
 def test_tune_changes_single_robot_of_fleet(tuning, tmp_path):
     file = tmp_path / "fleet.yaml"
     file.write_text("robot1:\n  amcl:\n    ros__parameters:\n      alpha1: 0.2\n" + PARAMS)
-    made = saved(tuning, tmp_path / "out", tmp_path / "fleet.yaml:robot1")
-    assert made.read_text().endswith(PARAMS)
-    read = Robot.load(f"{made}:robot1", lidar=LIDAR).filter
+    saved_file = save_parameters(tuning, tmp_path / "out", tmp_path / "fleet.yaml:robot1")
+    assert saved_file.read_text().endswith(PARAMS)
+    read = Robot.load(f"{saved_file}:robot1", lidar=LIDAR).filter
     assert (read.alpha1, read.max_beams) == (tuning.winner.alpha1, tuning.winner.max_beams)
 
 
@@ -486,9 +486,9 @@ def test_saved_file_has_settings_of_run(tuning, tmp_path):
     """Options may have changed the values of the user's file."""
     file = tmp_path / "mine.yaml"
     file.write_text(PARAMS.replace("max_particles: 60", "max_particles: 500"))
-    made = saved(tuning, tmp_path / "out", file)
+    saved_file = save_parameters(tuning, tmp_path / "out", file)
     with pytest.warns(UserWarning, match="unknown_to_us"):
-        assert read_amcl(made) == tuning.winner
+        assert read_amcl(saved_file) == tuning.winner
 
 
 def test_results_are_written_and_drawn(tuning, tmp_path):
@@ -517,10 +517,9 @@ def test_results_are_written_and_drawn(tuning, tmp_path):
         ({"robot": Robot(footprint=30.0)}, "no cell where the robot fits"),
     ],
 )
-def test_bad_arguments_are_refused(arguments, words):
-    with pytest.raises(LocplanError, match=words) as caught:
+def test_tune_rejects_bad_arguments(arguments, words):
+    with pytest.raises(LocplanError, match=words):
         tune(hall(), **arguments)
-    assert "\n" not in str(caught.value)
 
 
 def test_tune_command_keeps_users_file(run, tmp_path):
@@ -582,15 +581,15 @@ def drive(grid):
 
 
 @pytest.fixture(scope="module")
-def tuned(grid, drive):
+def recording_tuning(grid, drive):
     return tune_on_drive(drive, grid, robot=Robot(filter=POOR), drives=2)
 
 
-def test_poor_settings_are_bettered_on_recording(tuned):
-    assert tuned.robot.amcl == POOR
-    assert tuned.choice.name == PRECISE
-    assert tuned.winner.alpha2 == 0.05
-    cases = {(row.settings, row.case) for row in tuned.choice.results}
+def test_poor_settings_are_bettered_on_recording(recording_tuning):
+    assert recording_tuning.robot.amcl == POOR
+    assert recording_tuning.choice.name == PRECISE
+    assert recording_tuning.winner.alpha2 == 0.05
+    cases = {(row.settings, row.case) for row in recording_tuning.choice.results}
     assert {
         (USER_SETTINGS, "usual"),
         (PRECISE, "usual"),
@@ -600,37 +599,37 @@ def test_poor_settings_are_bettered_on_recording(tuned):
     assert {case for _, case in cases} == {"usual", "the drive"}
 
 
-def test_report_shows_recording(tuned):
-    text = " ".join(tuned.report().split())
+def test_report_shows_recording(recording_tuning):
+    text = " ".join(recording_tuning.report().split())
     assert text.startswith("note: the drive: The scans cannot show motion along corridors")
-    assert "on the drive, " in tuned.conclusion
+    assert "on the drive, " in recording_tuning.conclusion
     assert "2 runs over the whole drive (seed 1)" in text
     assert "precise: alphas 0.05, likelihood_field_prob. safe: update_min_d 0.1" in text
-    verdicts = {(row.settings, row.case): row.verdict for row in tuned.choice.results}
+    verdicts = {(row.settings, row.case): row.verdict for row in recording_tuning.choice.results}
     assert verdicts[USER_SETTINGS, "the drive"] == "baseline"
     assert verdicts[PRECISE, "the drive"] == "confirmed"
-    about = tuned.summary()
+    about = recording_tuning.summary()
     assert about["recording"] == "the drive"
     json.dumps(about, allow_nan=False)
 
 
-def test_recording_has_replays_of_simulate(tuned, grid, drive):
+def test_recording_has_replays_of_simulate(recording_tuning, grid, drive):
     """The same numbers give the same replays in both commands."""
     expected = replay(drive, grid, Robot(filter=POOR), runs=2).drives
     (row,) = (
         row
-        for row in tuned.choice.results
+        for row in recording_tuning.choice.results
         if (row.settings, row.case) == (USER_SETTINGS, "the drive")
     )
     assert row.error.value == pytest.approx(expected.rmse.value)
     assert row.lost.value == expected.lost.mean()
 
 
-def test_failing_presets_keep_user_settings(tuned, tmp_path):
+def test_failing_presets_keep_user_settings(recording_tuning, tmp_path):
     kept = dataclasses.replace(
-        tuned.choice, name=USER_SETTINGS, objections={PRECISE: "runs end lost"}
+        recording_tuning.choice, name=USER_SETTINGS, objections={PRECISE: "runs end lost"}
     )
-    refused = dataclasses.replace(tuned, choice=kept)
+    refused = dataclasses.replace(recording_tuning, choice=kept)
     assert refused.changes == {}
     assert refused.conclusion == "Keep your settings: runs end lost"
     assert "locplan recording FILE MAP" in " ".join(refused.report().split())
@@ -657,9 +656,9 @@ def test_tune_rejects_unsuitable_recordings(grid, drive):
 @pytest.mark.long
 def test_report_notes_sparse_scans(grid, drive):
     own = Amcl(min_particles=20, max_particles=20)
-    tuned = tune_on_drive(drive.subsample(5), grid, robot=Robot(filter=own), drives=2)
-    assert "a scan only every 0.5 m" in tuned.notes[0]
-    assert tuned.report().startswith("note: the log has a scan only every 0.5 m")
+    tuning = tune_on_drive(drive.subsample(5), grid, robot=Robot(filter=own), drives=2)
+    assert "a scan only every 0.5 m" in tuning.notes[0]
+    assert tuning.report().startswith("note: the log has a scan only every 0.5 m")
 
 
 def test_tune_command_reads_recording(tmp_path, grid, drive, monkeypatch, capsys):

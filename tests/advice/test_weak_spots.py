@@ -1,4 +1,4 @@
-"""Degenerate areas: polygons that hold the cells of high u, and what is said of them."""
+"""Degenerate areas: polygons of cells with high u, and their properties."""
 
 import dataclasses
 import math
@@ -21,9 +21,11 @@ from locplan.planning import Costmap
 PERFECT = 0.2 / math.sqrt(12)
 
 
-def made_up(cells, *, blur=0.5, seed=0, resolution=0.05, origin=(1.5, -2.0, 0.0), stride=None):
-    """A map with a costmap whose u varies smoothly over `blur` metres, and its field."""
-    grid = OccupancyGrid(cells, resolution, origin, "made up")
+def make_random_field(
+    cells, *, blur=0.5, seed=0, resolution=0.05, origin=(1.5, -2.0, 0.0), stride=None
+):
+    """Return a costmap and its field, whose random u varies smoothly over `blur` metres."""
+    grid = OccupancyGrid(cells, resolution, origin, "random field")
     config = FieldConfig(Sad(), stride=stride or resolution)
     step = round((stride or resolution) / resolution)
     free = grid.free[::step, ::step]
@@ -39,35 +41,38 @@ def made_up(cells, *, blur=0.5, seed=0, resolution=0.05, origin=(1.5, -2.0, 0.0)
     return Costmap.from_field(field), field
 
 
-def marked(mask, resolution=1.0):
-    """The areas of the cells of a mask, (H, W), on a free map."""
-    costs, field = made_up(np.full(mask.shape, FREE, np.uint8), resolution=resolution)
+def find_mask_areas(mask, resolution=1.0):
+    """Return the areas of the cells of a mask, (H, W), on a free map."""
+    costs, field = make_random_field(np.full(mask.shape, FREE, np.uint8), resolution=resolution)
     costs = dataclasses.replace(costs, u=mask.astype(float))
     return find_degenerate_areas(costs, field, threshold=0.5, min_area=0.0)
 
 
 def signed_area(ring):
-    """Area of a ring (n, 2), negative if it runs clockwise."""
+    """Return the area of a ring (n, 2), negative if it runs clockwise."""
     (x, y), (ahead, above) = np.array(ring).T, np.roll(ring, -1, axis=0).T
     return np.sum(x * above - ahead * y) / 2
 
 
-def inside(areas, grid):
-    """The number of the area that each cell's centre lies in, from 1 on, (H, W)."""
+def number_cells(areas, grid):
+    """Return the number of the area around each cell's centre, (H, W); 0 is outside."""
     rows, cols = np.indices(grid.shape) + 0.5
     centres = np.stack(grid.grid_to_world(rows.ravel(), cols.ravel()), axis=1)
-    found = np.zeros(len(centres), int)
+    numbers = np.zeros(len(centres), int)
     for n, area in enumerate(areas, start=1):
         here = Path(area.outline).contains_points(centres)
         for hole in area.holes:
             here &= ~Path(hole).contains_points(centres)
-        assert not found[here].any(), "areas overlap"
-        found[here] = n
-    return found.reshape(grid.shape)
+        assert not numbers[here].any(), "areas overlap"
+        numbers[here] = n
+    return numbers.reshape(grid.shape)
 
 
 def near_pairs(some, lines):
-    """Pairs of lines, each the last two of its tuple, whose boxes meet; `some` are the first."""
+    """Yield pairs of lines with meeting boxes; the ends of a line are its last two items.
+
+    The first line of a pair is one of `some`, with which `lines` begins.
+    """
     ends = np.array([line[-2:] for line in lines])
     low, high = ends.min(axis=1), ends.max(axis=1)
     for m, line in enumerate(some):
@@ -77,7 +82,7 @@ def near_pairs(some, lines):
 
 
 def crosses(a, b, c, d):
-    """Whether two lines meet, by the orientation of their ends."""
+    """True if two lines meet, by the orientation of their ends."""
 
     def side(p, q, r):
         value = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
@@ -91,7 +96,7 @@ def crosses(a, b, c, d):
 
 
 def check_valid(area):
-    """Raise unless an area's rings are simple, wound as they must be, and its holes inside."""
+    """Check that rings do not cross, wind in the right direction, and have holes inside."""
     lines = []
     for n, ring in enumerate([area.outline, *area.holes]):
         assert len(ring) >= 3
@@ -154,8 +159,10 @@ def test_areas_turn_with_map_cells():
 @pytest.mark.parametrize("yaw", [0.7, math.pi / 2, -2.5])
 def test_polygons_turn_with_map_yaw(yaw):
     cells = random_rooms((90, 130), seed=2)
-    straight = find_degenerate_areas(*made_up(cells, origin=(0.0, 0.0, 0.0)), threshold=0.2)
-    turned = find_degenerate_areas(*made_up(cells, origin=(3.0, 4.0, yaw)), threshold=0.2)
+    straight = find_degenerate_areas(
+        *make_random_field(cells, origin=(0.0, 0.0, 0.0)), threshold=0.2
+    )
+    turned = find_degenerate_areas(*make_random_field(cells, origin=(3.0, 4.0, yaw)), threshold=0.2)
     matrix = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     assert len(straight) == len(turned) > 0
     for one, other in zip(straight, turned, strict=True):
@@ -169,28 +176,28 @@ def test_polygons_turn_with_map_yaw(yaw):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("blur", [0.15, 0.4, 1.0])
 def test_valid_polygons_cover_degenerate_cells(seed, blur):
-    costs, field = made_up(random_rooms((100, 140), seed), blur=blur, seed=seed)
+    costs, field = make_random_field(random_rooms((100, 140), seed), blur=blur, seed=seed)
     areas = find_degenerate_areas(costs, field, threshold=0.18, min_area=0.2)
     grid = costs.grid
     _, labels = cv2.connectedComponents((costs.u >= 0.18).astype(np.uint8), connectivity=4)
     cell = grid.resolution**2
     sizes = np.bincount(labels.ravel())[1:] * cell
     assert [a.area for a in areas] == pytest.approx(sorted(sizes[sizes >= 0.2 - 1e-9])[::-1])
-    found = inside(areas, grid)
+    numbers = number_cells(areas, grid)
     chosen = np.isin(labels, np.flatnonzero(sizes >= 0.2 - 1e-9) + 1)
-    assert np.mean(found[chosen] > 0) >= 0.97
-    assert np.mean(chosen[found > 0]) >= 0.95
+    assert np.mean(numbers[chosen] > 0) >= 0.97
+    assert np.mean(chosen[numbers > 0]) >= 0.95
     for n, area in enumerate(areas, start=1):
         check_valid(area)
         row, col = grid.cell(area.middle)
-        assert found[row, col] == n
+        assert numbers[row, col] == n
         assert chosen[row, col]
 
 
 @pytest.mark.parametrize("density", [0.3, 0.5, 0.6, 0.8])
 def test_rings_of_noise_never_meet(density):
     mask = np.random.default_rng(7).random((40, 50)) < density
-    areas = marked(mask)
+    areas = find_mask_areas(mask)
     number, _ = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
     assert len(areas) == number - 1
     lines = []
@@ -208,7 +215,7 @@ def test_rings_of_noise_never_meet(density):
 
 
 def test_ring_follows_cell_edges():
-    (area,) = marked(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0]], bool))
+    (area,) = find_mask_areas(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0]], bool))
     corners = {tuple(each) for each in (area.outline - (1.5, -2.0)).tolist()}
     assert corners == {(0, 0), (2, 0), (2, 2), (0, 2)}
 
@@ -216,24 +223,24 @@ def test_ring_follows_cell_edges():
 def test_narrow_holes_and_stripes_keep_shape():
     mask = np.ones((40, 40), bool)
     mask[20, 10:13] = False
-    (area,) = marked(mask, resolution=0.5)
+    (area,) = find_mask_areas(mask, resolution=0.5)
     assert [signed_area(hole) for hole in area.holes] == [pytest.approx(-3 / 4, rel=0.1)]
     assert signed_area(area.outline) == pytest.approx(1600 / 4, rel=0.01)
     row, col = np.indices((30, 30))
     stripe = np.abs(col - 2 * row) <= 1
-    (area,) = marked(stripe)
+    (area,) = find_mask_areas(stripe)
     assert signed_area(area.outline) == pytest.approx(stripe.sum(), rel=0.02)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_polygons_of_noise_never_overlap(seed):
-    costs, field = made_up(np.full((50, 60), FREE, np.uint8), blur=0)
+    costs, field = make_random_field(np.full((50, 60), FREE, np.uint8), blur=0)
     noise = np.random.default_rng(seed).random((50, 60)) * 0.95
     costs = dataclasses.replace(costs, u=np.maximum(noise, np.roll(noise, 1, axis=seed % 2)))
     areas = find_degenerate_areas(costs, field, threshold=0.62, min_area=0.01)
     assert len(areas) > 20
     assert sum(len(area.holes) for area in areas) > 0
-    inside(areas, costs.grid)
+    number_cells(areas, costs.grid)  # raises if areas overlap
     lines = []
     for n, area in enumerate(areas):
         check_valid(area)
@@ -266,7 +273,7 @@ def test_small_holes_are_filled():
     cells = np.full((80, 100), FREE, np.uint8)
     cells[20:25, 20:25] = 0  # 0.0625 m²
     cells[40:50, 40:50] = 0  # 0.25 m²
-    costs, field = made_up(cells)
+    costs, field = make_random_field(cells)
     (area,) = find_degenerate_areas(costs, field, threshold=0.0)
     (hole,) = area.holes
     assert -signed_area(hole) == pytest.approx(0.25)
@@ -278,7 +285,7 @@ def test_filled_holes_stay_below_area_limit():
     cells = np.full((80, 100), FREE, np.uint8)
     cells[5::10, 5::10] = cells[5::10, 6::10] = 0  # 80 of 0.005 m²: 2 %
     cells[2:4, 2:4] = 0
-    (area,) = find_degenerate_areas(*made_up(cells), threshold=0.0)
+    (area,) = find_degenerate_areas(*make_random_field(cells), threshold=0.0)
     assert 1 <= len(area.holes) < 10
     whole = signed_area(area.outline) + sum(map(signed_area, area.holes))
     assert area.area < whole < 1.021 * area.area
@@ -287,7 +294,7 @@ def test_filled_holes_stay_below_area_limit():
 def test_areas_between_lattice_points_are_found():
     cells = np.zeros((41, 60), np.uint8)
     cells[::4] = FREE
-    costs, field = made_up(cells, stride=0.2, blur=0)
+    costs, field = make_random_field(cells, stride=0.2, blur=0)
     narrow = np.zeros(cells.shape)
     narrow[8, 1:4] = 1.0
     costs = dataclasses.replace(costs, u=np.where(costs.grid.free, narrow, np.nan))

@@ -45,13 +45,13 @@ def line(*xy, grid=None):
     return Path(points)
 
 
-def driven(grid, path, robot, drives=8, seed=1, **options):
+def drive_path(grid, path, robot, drives=8, seed=1, **options):
     simulator = Simulator(grid, robot, seed=seed)
     return drive_closed(simulator, {"path": path}, range(drives), **options)["path"]
 
 
-def ends(found):
-    return [each.outcome for each in found.drives]
+def outcomes(arrivals):
+    return [drive.outcome for drive in arrivals.drives]
 
 
 ROBOTS = {
@@ -81,10 +81,10 @@ def there_and_back():
 
 @pytest.mark.parametrize("name", sample_cases(["round", "sideways", "car", "outlined"], 2))
 def test_closed_loop_drive_equals_plain_loop(name):
-    """The robot knows its pose, so that only the follower is compared."""
+    """The robot knows its pose, so that the drive depends on the follower alone."""
     grid, robot = room(), ROBOTS[name].with_settings({"boundary_noise": 0.0})
     path = there_and_back() if name == "car" else line(*BENT)
-    (found,) = driven(grid, path, robot, 1, seed=3, perfect=True).drives
+    (drive,) = drive_path(grid, path, robot, 1, seed=3, perfect=True).drives
     corners = OUTLINE.vertices
     discs = [(0.0, 0.0, 0.2)]
     if robot.outline:
@@ -96,26 +96,26 @@ def test_closed_loop_drive_equals_plain_loop(name):
         ]
     even = path.resample(0.05, even=True)
     gears = [-1 if name == "car" and at > AHEAD + 0.025 else 1 for at in even.distance]
-    way = np.column_stack([even.xy, gears])
+    directed_path = np.column_stack([even.xy, gears])
     first = (*even.xy[0], math.atan2(*(even.xy[6] - even.xy[0])[::-1]))
     stops = grid.cells == OCCUPIED
     truth = oracles.closed_loop.follow(
         make_generator(3, CLOSED, compute_route_key(path), 0),
-        *(way.tolist(), stops, 0.1, robot, discs, first, 1000),
+        *(directed_path.tolist(), stops, 0.1, robot, discs, first, 1000),
     )
-    assert found.outcome == "arrived"
-    assert found.truth == pytest.approx(truth, abs=1e-9)
-    assert found.believed == pytest.approx(found.truth)
+    assert drive.outcome == "arrived"
+    assert drive.truth == pytest.approx(truth, abs=1e-9)
+    assert drive.believed == pytest.approx(drive.truth)
 
 
 def test_robot_with_good_filter_reaches_goal():
     grid = room(origin=(-3.0, 2.0, 0.7))
-    found = driven(grid, line(*BENT, grid=grid), ROBOTS["round"])
-    assert ends(found) == ["arrived"] * 8
+    arrivals = drive_path(grid, line(*BENT, grid=grid), ROBOTS["round"])
+    assert outcomes(arrivals) == ["arrived"] * 8
     goal = line(*BENT, grid=grid).xy[-1]
-    assert all(math.dist(each.truth[-1, :2], goal) < 0.5 for each in found.drives)
-    assert all(math.dist(each.believed[-1, :2], goal) <= 0.25 for each in found.drives)
-    assert found.arrival_rate.low == pytest.approx(0.676, abs=1e-3)
+    assert all(math.dist(drive.truth[-1, :2], goal) < 0.5 for drive in arrivals.drives)
+    assert all(math.dist(drive.believed[-1, :2], goal) <= 0.25 for drive in arrivals.drives)
+    assert arrivals.arrival_rate.low == pytest.approx(0.676, abs=1e-3)
 
 
 class Shifted:
@@ -157,7 +157,7 @@ STILL = dict.fromkeys(
 STILL |= {"turn_bias": 0.0, "start_sigma": 0.0, "start_sigma_deg": 0.0}
 
 
-def exact(filter):
+def noiseless_robot(filter):
     robot = Robot(Lidar(range=5.0, beams=20), filter=filter, disturbances=QUIET)
     return robot.with_settings(STILL)
 
@@ -165,11 +165,11 @@ def exact(filter):
 def test_shifted_estimate_ends_drive_elsewhere():
     """The robot believes that it has reached the goal."""
     path = line((2.0, 2.5), (6.0, 2.5))
-    (found,) = driven(room(), path, exact(Shifted(0.8)), 1).drives
-    assert found.outcome == "elsewhere"
-    assert not found.fault
-    assert found.believed[-1] - found.truth[-1] == pytest.approx([0.8, 0.0, 0.0], abs=1e-6)
-    (near,) = driven(room(), path, exact(Shifted(0.2)), 1).drives
+    (drive,) = drive_path(room(), path, noiseless_robot(Shifted(0.8)), 1).drives
+    assert drive.outcome == "elsewhere"
+    assert not drive.fault
+    assert drive.believed[-1] - drive.truth[-1] == pytest.approx([0.8, 0.0, 0.0], abs=1e-6)
+    (near,) = drive_path(room(), path, noiseless_robot(Shifted(0.2)), 1).drives
     assert near.outcome == "arrived"
 
 
@@ -190,21 +190,21 @@ class Jumping(Shifted):
 def test_drive_aborts_if_estimate_jumps_away(jump, is_aborted):
     """RPP cuts the plan at half the local costmap, 1.5 m; without poses it aborts the goal."""
     path = line((1.5, 2.0), (6.5, 2.0))
-    (found,) = driven(room(), path, exact(Jumping(jump)), 1).drives
-    assert (found.outcome == "aborted") == is_aborted
-    assert (found.seconds == pytest.approx(3.9)) == is_aborted
-    assert is_aborted or found.seconds > 10
+    (drive,) = drive_path(room(), path, noiseless_robot(Jumping(jump)), 1).drives
+    assert (drive.outcome == "aborted") == is_aborted
+    assert (drive.seconds == pytest.approx(3.9)) == is_aborted
+    assert is_aborted or drive.seconds > 10
 
 
 def test_robot_stops_if_arc_meets_wall():
     """It tries as often as Nav2's default tree: seven failures, each after one clearing."""
     grid, path = room(wall=True, door=(2.3, 2.5)), line((2.0, 2.4), (6.5, 2.4))
-    (found,) = driven(grid, path, exact(Shifted(0.0)), 1).drives
-    assert (found.outcome, found.standstills) == ("aborted", 14)
-    arrivals = Arrivals((found, dataclasses.replace(found, outcome="arrived", standstills=0)))
+    (drive,) = drive_path(grid, path, noiseless_robot(Shifted(0.0)), 1).drives
+    assert (drive.outcome, drive.standstills) == ("aborted", 14)
+    arrivals = Arrivals((drive, dataclasses.replace(drive, outcome="arrived", standstills=0)))
     assert arrivals.standstills == 7.0
     assert arrivals.abort_rate.value == 0.5
-    step, heading = np.diff(found.truth, axis=0), found.truth[:-1, 2]
+    step, heading = np.diff(drive.truth, axis=0), drive.truth[:-1, 2]
     ahead = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
     # Two spins by 90 deg, and one retreat by 0.3 m.
     assert (step[:, 2] > math.pi / 2 / 16 - 1e-9).sum() >= 32
@@ -215,18 +215,18 @@ def test_robot_stops_if_arc_cuts_corner():
     """The path keeps off the walls, and the arc to a point 0.6 m ahead does not."""
     grid = room(wall=True, door=(2.2, 2.8))
     path = line((3.65, 0.8), (3.65, 2.5), (6.5, 2.5))
-    (found,) = driven(grid, path, exact(Shifted(0.0)), 1).drives
-    assert found.standstills > 0
+    (drive,) = drive_path(grid, path, noiseless_robot(Shifted(0.0)), 1).drives
+    assert drive.standstills > 0
     wide = room(wall=True, door=(1.9, 3.1))
-    (found,) = driven(wide, path, exact(Shifted(0.0)), 1).drives
-    assert (found.outcome, found.standstills) == ("arrived", 0)
+    (drive,) = drive_path(wide, path, noiseless_robot(Shifted(0.0)), 1).drives
+    assert (drive.outcome, drive.standstills) == ("arrived", 0)
 
 
 def test_constant_estimate_leads_to_timeout():
-    (found,) = driven(
-        room(), line((2.0, 2.5), (6.0, 2.5)), exact(Shifted(0.0, stands=True)), 1
+    (drive,) = drive_path(
+        room(), line((2.0, 2.5), (6.0, 2.5)), noiseless_robot(Shifted(0.0, stands=True)), 1
     ).drives
-    assert found.outcome == "timed out"
+    assert drive.outcome == "timed out"
 
 
 def test_robot_drives_around_unexpected_wall():
@@ -234,15 +234,15 @@ def test_robot_drives_around_unexpected_wall():
     path = line((2.0, 2.5), (6.5, 2.5))
     grid = room(wall=True, door=(3.2, 4.2))
     robot = ROBOTS["round"].with_settings({"boundary_noise": 0.0})
-    found = driven(grid, path, robot, 4)
-    assert ends(found) == ["arrived"] * 4
-    crossed = [each.truth[np.argmin(abs(each.truth[:, 0] - 4.05))] for each in found.drives]
+    arrivals = drive_path(grid, path, robot, 4)
+    assert outcomes(arrivals) == ["arrived"] * 4
+    crossed = [drive.truth[np.argmin(abs(drive.truth[:, 0] - 4.05))] for drive in arrivals.drives]
     assert all(3.3 < y < 4.1 for _, y, _ in crossed)
 
 
 @pytest.mark.parametrize("name", ["round", "car"])
 def test_replanning_avoids_no_go_zones(name):
-    """The near way around a box in the path is closed, so that robots take the far one."""
+    """Zones close the near side of a box in the path, so that robots drive around the far side."""
     path, robot = line((1.5, 2.4), (6.5, 2.4)), ROBOTS[name].with_settings({"boundary_noise": 0.0})
     cells = room().cells.copy()
     cells[21:26, 38:43] = OCCUPIED
@@ -250,13 +250,14 @@ def test_replanning_avoids_no_go_zones(name):
     zones = Zones([Zone("no-go", [[3.6, 2.6], [4.5, 2.6], [4.5, 5.0], [3.6, 5.0]])])
     closed = zones.cells(grid, "no-go")
     heights = []
-    for each in (None, zones):
-        simulator = Simulator(grid, robot, zones=each)
-        found = drive_closed(simulator, {"path": path}, range(2), perfect=True)["path"]
-        assert ends(found) == ["arrived"] * 2
-        heights += [one.truth[np.argmin(abs(one.truth[:, 0] - 4.05)), 1] for one in found.drives]
-        if each:
-            assert not any(closed[grid.cell(one.truth[:, :2])].any() for one in found.drives)
+    for active_zones in (None, zones):
+        simulator = Simulator(grid, robot, zones=active_zones)
+        arrivals = drive_closed(simulator, {"path": path}, range(2), perfect=True)["path"]
+        assert outcomes(arrivals) == ["arrived"] * 2
+        truths = [drive.truth for drive in arrivals.drives]
+        heights += [truth[np.argmin(abs(truth[:, 0] - 4.05)), 1] for truth in truths]
+        if active_zones:
+            assert not any(closed[grid.cell(truth[:, :2])].any() for truth in truths)
     assert max(heights[:2]) > 2.6
     assert max(heights[2:]) < 2.1
 
@@ -266,23 +267,21 @@ def test_aborted_drive_blames_follower_or_world(door, fault):
     """A path exists through the first door, but not through the narrower second door."""
     grid, path = room(wall=True, door=door), line((2.0, 2.4), (6.5, 2.4))
     robot = Robot(Lidar(range=5.0, beams=60)).with_settings({"boundary_noise": 0.0})
-    found = driven(grid, path, robot, 3)
-    assert set(ends(found)) == {"aborted"}
-    assert {each.fault for each in found.drives} == {fault}
-    assert found.compute_rate("follower").value == float(fault == "follower")
-    assert found.compute_rate("world").value == float(fault == "world")
-    assert all(each.truth[:, 0].max() < 4.0 for each in found.drives)
+    arrivals = drive_path(grid, path, robot, 3)
+    assert set(outcomes(arrivals)) == {"aborted"}
+    assert {drive.fault for drive in arrivals.drives} == {fault}
+    assert arrivals.compute_rate("follower").value == float(fault == "follower")
+    assert arrivals.compute_rate("world").value == float(fault == "world")
+    assert all(drive.truth[:, 0].max() < 4.0 for drive in arrivals.drives)
 
 
-def test_closed_loop_drives_ignore_thread_count():
-    """Equal numbers give equal drives, whatever else is driven."""
-    grid, path = room(), line(*BENT)
-
-    def made(threads, drives):
-        simulator = Simulator(grid, ROBOTS["round"], seed=2, threads=threads)
-        return drive_closed(simulator, {"a": path, "b": path}, drives)
-
-    whole, part = made(2, range(6)), made(1, range(3, 6))
+def test_closed_loop_drives_ignore_other_drives():
+    """Drives of one number are equal; test_driver compares counts of threads."""
+    simulator, path = Simulator(room(), ROBOTS["round"], seed=2), line(*BENT)
+    whole, part = (
+        drive_closed(simulator, {"a": path, "b": path}, numbers)
+        for numbers in (range(6), range(3, 6))
+    )
     for one, other in zip(whole["a"].drives[3:], part["b"].drives, strict=True):
         assert one.outcome == other.outcome
         assert np.array_equal(one.truth, other.truth)
@@ -290,46 +289,46 @@ def test_closed_loop_drives_ignore_thread_count():
 
 
 def test_robot_reaches_goal_with_periodic_replanning():
-    found = driven(room(), line(*BENT), ROBOTS["round"], 4, replan=1.0)
-    assert ends(found) == ["arrived"] * 4
+    arrivals = drive_path(room(), line(*BENT), ROBOTS["round"], 4, replan=1.0)
+    assert outcomes(arrivals) == ["arrived"] * 4
 
 
 def test_robot_drives_lap_to_its_end():
     """The start of a lap is also its goal."""
     lap = line((1.5, 1.0), (6.5, 1.0), (6.5, 3.0), (1.5, 3.0), (1.5, 1.0))
-    (found,) = driven(room(), lap, ROBOTS["round"], 1, perfect=True).drives
-    assert found.outcome == "arrived"
-    assert found.truth[:, 0].max() > 6.0
-    assert found.truth[-1, 2] > math.pi
-    assert found.end == pytest.approx((*found.truth[-1, :2], found.truth[-1, 2] - 2 * math.pi))
-    assert found.seconds > 0.9 * lap.length / ROBOTS["round"].kinematics.speed
+    (drive,) = drive_path(room(), lap, ROBOTS["round"], 1, perfect=True).drives
+    assert drive.outcome == "arrived"
+    assert drive.truth[:, 0].max() > 6.0
+    assert drive.truth[-1, 2] > math.pi
+    assert drive.end == pytest.approx((*drive.truth[-1, :2], drive.truth[-1, 2] - 2 * math.pi))
+    assert drive.seconds > 0.9 * lap.length / ROBOTS["round"].kinematics.speed
 
 
 def test_replanning_rate_is_limited_by_commands():
     """Commands are 0.1 s apart."""
-    often, each = (
-        driven(room(), line(*BENT), ROBOTS["round"], 1, replan=seconds).drives[0]
+    replanned_too_often, replanned = (
+        drive_path(room(), line(*BENT), ROBOTS["round"], 1, replan=seconds).drives[0]
         for seconds in (0.04, 0.1)
     )
-    assert np.array_equal(often.truth, each.truth)
+    assert np.array_equal(replanned_too_often.truth, replanned.truth)
 
 
 def test_replanning_keeps_exact_goal():
     grid, goal = room(resolution=0.25), (6.49, 1.74)  # 0.16 m from the centre of its cell
     path = line((1.5, 1.6), goal)
-    (found,) = driven(grid, path, ROBOTS["round"], 1, replan=0.5, perfect=True).drives
-    assert found.outcome == "arrived"
-    assert math.dist(found.end[:2], goal) <= ROBOTS["round"].goal_tolerance
+    (drive,) = drive_path(grid, path, ROBOTS["round"], 1, replan=0.5, perfect=True).drives
+    assert drive.outcome == "arrived"
+    assert math.dist(drive.end[:2], goal) <= ROBOTS["round"].goal_tolerance
 
 
 def test_car_keeps_turning_radius_and_gears():
     """It changes gear only where its path does."""
     robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).with_settings(STILL)
-    (found,) = driven(room(), there_and_back(), robot, 1).drives
-    assert found.outcome == "arrived"
-    turn, step = np.diff(found.truth[:, 2]), np.diff(found.truth[:, :2], axis=0)
+    (drive,) = drive_path(room(), there_and_back(), robot, 1).drives
+    assert drive.outcome == "arrived"
+    turn, step = np.diff(drive.truth[:, 2]), np.diff(drive.truth[:, :2], axis=0)
     assert (abs(turn) * 0.8 <= np.hypot(*step.T) * (1 + 1e-6) + 1e-9).all()
-    middle = found.truth[:-1, 2] + turn / 2
+    middle = drive.truth[:-1, 2] + turn / 2
     ahead = step[:, 0] * np.cos(middle) + step[:, 1] * np.sin(middle)
     assert (np.diff(np.sign(ahead[ahead != 0])) != 0).sum() == 1
 
@@ -338,36 +337,36 @@ def test_car_aborts_in_narrow_door():
     """A disc within the outline would fit through the door."""
     robot = ROBOTS["car"].with_settings({"boundary_noise": 0.0})
     grid = room(wall=True, door=(2.3, 2.6))  # a disc within its outline fits, 0.3 m wide as it is
-    (found,) = driven(grid, line((2.0, 2.45), (6.5, 2.45)), robot, 1).drives
-    assert (found.outcome, found.fault) == ("aborted", "world")
+    (drive,) = drive_path(grid, line((2.0, 2.45), (6.5, 2.45)), robot, 1).drives
+    assert (drive.outcome, drive.fault) == ("aborted", "world")
 
 
 def test_car_drives_around_unexpected_wall():
     robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).with_settings(STILL)
     grid = room(wall=True, door=(2.4, 4.5))
     path = line((1.5, 2.1), (6.5, 2.1))
-    (found,) = driven(grid, path, robot, 1, perfect=True).drives
-    assert found.outcome == "arrived"
-    turn, step = np.diff(found.truth[:, 2]), np.diff(found.truth[:, :2], axis=0)
+    (drive,) = drive_path(grid, path, robot, 1, perfect=True).drives
+    assert drive.outcome == "arrived"
+    turn, step = np.diff(drive.truth[:, 2]), np.diff(drive.truth[:, :2], axis=0)
     assert (abs(turn) * 0.8 <= np.hypot(*step.T) * (1 + 1e-6) + 1e-9).all()
 
 
 def test_simulate_reports_reached_goals(tmp_path):
     grid, robot = room(wall=True, door=(2.3, 2.5)), Robot(Lidar(range=5.0, beams=60))
     paths = {"through": line((2.0, 2.4), (6.5, 2.4)), "away": line((2.0, 2.4), (2.0, 4.0))}
-    found = simulate(grid, paths, robot, drives=2, closed=ClosedLoopSettings(drives=3), seed=4)
+    result = simulate(grid, paths, robot, drives=2, closed=ClosedLoopSettings(drives=3), seed=4)
     assert simulate(grid, paths, robot, drives=2, seed=4).arrivals is None
-    about = found.summary()["arrivals"]
-    assert about["through"]["aborted"][0] == about["through"]["no_way"][0] == 1.0
-    assert about["away"]["drives"] == 3
-    assert about["away"]["arrived"][0] == 1.0
-    (through, away) = found.table().records()
+    summary = result.summary()["arrivals"]
+    assert summary["through"]["aborted"][0] == summary["through"]["no_way"][0] == 1.0
+    assert summary["away"]["drives"] == 3
+    assert summary["away"]["arrived"][0] == 1.0
+    (through, away) = result.table().records()
     assert (through["arrived"], away["arrived"]) == (0.0, 1.0)
-    legend = [each.get_text() for each in found.figure().legends[0].get_texts()]
+    legend = [each.get_text() for each in result.figure().legends[0].get_texts()]
     assert "0 of 3 [0, 56 %] arrive (3 have no way)" in " ".join(legend[0].split())
     assert "3 of 3 [44, 100 %] arrive" in " ".join(legend[1].split())
     assert {"a robot stops short of the goal", "a robot ends short of the goal"} <= set(legend)
-    found.save(tmp_path / "out")
+    result.save(tmp_path / "out")
     with (tmp_path / "out" / "arrivals.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["outcome"] for row in rows] == ["aborted"] * 3 + ["arrived"] * 3
@@ -383,7 +382,7 @@ def test_simulate_reports_reached_goals(tmp_path):
 def test_arrivals_list_places_of_failures():
     grid = room(wall=True, door=(2.2, 2.6))
     robot = Robot(Lidar(range=5.0, beams=60)).with_settings({"boundary_noise": 0.0})
-    (stuck,) = driven(grid, line((2.0, 2.4), (6.5, 2.4)), robot, 1).drives
+    (stuck,) = drive_path(grid, line((2.0, 2.4), (6.5, 2.4)), robot, 1).drives
     places = Arrivals((stuck,)).places().records()
     assert {each["what"] for each in places} == {"stops", "ends"}
     (end,) = (each for each in places if each["what"] == "ends")
@@ -398,8 +397,8 @@ def test_arrivals_list_places_of_failures():
     truth[:, 0] = np.arange(40) * 0.1
     truth[10:20, 1] = truth[30:35, 1] = 0.7
     path = line((0.0, 0.0), (4.0, 0.0))
-    found = Arrivals((ClosedLoopDrive.from_drive("arrived", truth, truth, path),))
-    assert [(each["what"], each["x"]) for each in found.places().records()] == [
+    arrivals = Arrivals((ClosedLoopDrive.from_drive("arrived", truth, truth, path),))
+    assert [(each["what"], each["x"]) for each in arrivals.places().records()] == [
         ("leaves the path by 0.5 m", pytest.approx(1.0)),
         ("leaves the path by 0.5 m", pytest.approx(3.0)),
     ]

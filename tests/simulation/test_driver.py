@@ -1,4 +1,4 @@
-"""Drives of paths: which random numbers each has, and that all commands report the same drives."""
+"""Drives of paths: their random numbers, and equal drives in all commands."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from support.cases import sample_cases
 
 from locplan import Costmap, Lidar, OccupancyGrid, Path, Robot, check, plan, recommend_path
 from locplan.advice import Pole
+from locplan.advice.check_drives import EFFORTS
 from locplan.advice.landmark_objects import mark_objects
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, environments
@@ -51,7 +52,7 @@ OTHER = path((1.0, 5.0), (8.0, 5.0))
 
 
 def splitmix64(counter: int) -> int:
-    """Return the hash of a number, in exact integers."""
+    """Return splitmix64's hash of a number, in exact integers."""
     bits = counter & MASK
     bits = (bits ^ bits >> 30) * 0xBF58476D1CE4E5B9 & MASK
     bits = (bits ^ bits >> 27) * 0x94D049BB133111EB & MASK
@@ -76,9 +77,18 @@ def test_flipped_cells_equal_plain_loop():
     assert (stops == expected).all()
 
 
-def test_splitmix64_returns_published_numbers():
-    numbers = [splitmix64(1234567 + n * 0x9E3779B97F4A7C15) for n in (1, 2, 3)]
-    assert numbers == [6457827717110365317, 3203168211198807973, 9817491932198370423]
+def test_flips_follow_published_splitmix64_numbers():
+    """The numbers are the first three of splitmix64 with seed 1234567."""
+    from locplan.simulation.kernels.worlds import flip_cells
+
+    cells = np.array([[0, 0], [0, 1], [0, 2]])
+    numbers = [6457827717110365317, 3203168211198807973, 9817491932198370423]
+    shares = np.array([(number >> 11) / 2**53 for number in numbers])
+    for share in shares:
+        for limit in (share, np.nextafter(share, 1.0)):
+            flips = np.zeros((1, 3), bool)
+            flip_cells(flips, cells, 0, 0, limit, np.uint64(1234567))
+            assert (flips[0] == (shares < limit)).all()
 
 
 @pytest.mark.parametrize("noise", sample_cases([0.1, 0.0, 0.5, 1.0], 2))
@@ -117,8 +127,8 @@ def test_object_leaves_other_noise_unchanged():
     grid = room(200, 300)
     with_pole = mark_objects(grid, Pole(0.2), np.array([[4.0, 3.0, 0.0]]))
     one, other = (
-        Simulator(each, ROBOT).make_world_region().find_occupied_cells(3, 0)
-        for each in (grid, with_pole)
+        Simulator(world, ROBOT).make_world_region().find_occupied_cells(3, 0)
+        for world in (grid, with_pole)
     )
     rows, cols = np.nonzero(one != other)
     assert rows.size
@@ -145,10 +155,10 @@ def test_drives_ignore_thread_count(numbers):
     after = drive_open(three, paths, numbers)
     assert all((before[name].errors == after[name].errors).all() for name in paths)
     assert calls == [(n + 1, 3 * len(numbers)) for n in range(3 * len(numbers))]
-    ends = (drive_closed(each, paths, numbers) for each in (one, three))
-    for first, second in zip(*(each.values() for each in ends), strict=True):
-        for arrival, again in zip(first.drives, second.drives, strict=True):
-            assert (arrival.truth == again.truth).all()
+    first, second = (drive_closed(simulator, paths, numbers) for simulator in (one, three))
+    for name in paths:
+        for drive, again in zip(first[name].drives, second[name].drives, strict=True):
+            assert (drive.truth == again.truth).all()
 
 
 class Odometer:
@@ -170,7 +180,7 @@ class Odometer:
 
 
 def correlate_ends(one: Drives, other: Drives) -> float:
-    """Return the correlation of the errors in x at the end, which the biased wheels make."""
+    """Return the correlation of the final errors in x, which biased wheels cause."""
     return float(np.corrcoef(one.errors[:, -1, 0], other.errors[:, -1, 0])[0, 1])
 
 
@@ -192,7 +202,7 @@ def test_open_loop_drives_pair_within_route():
 
 
 def test_closed_loop_drives_pair_within_route():
-    """The error with which the filter starts is a random number of the drive alone."""
+    """Drives of one number and one route start with the same error of the filter."""
     paths = {"long": LONG, "bent": BENT, "near": path((1.0, 1.0), (8.0, 1.002))}
     arrivals = drive_closed(Simulator(room(), ROBOT), paths, range(3))
     starts = {
@@ -214,9 +224,12 @@ def test_route_key_counts_in_millimetres():
 
 
 def test_drive_number_ranges_are_disjoint():
-    """A recommendation reports at most 1024 drives."""
-    assert 1024 < FIRST_CHOOSING_DRIVE < FIRST_FRESH_DRIVE - 1024
-    assert ClosedLoopSettings().drives == 16
+    """Drives that choose a path or a fix never confirm it."""
+    with pytest.raises(ConfigError, match=r"whole number in 2\.\.1024"):
+        RecommendationSettings(drives=FIRST_CHOOSING_DRIVE + 1)
+    for effort in EFFORTS.values():
+        assert effort.n_drives <= FIRST_CHOOSING_DRIVE
+        assert FIRST_CHOOSING_DRIVE + effort.n_trial_drives <= FIRST_FRESH_DRIVE
 
 
 def test_stretched_world_increases_error():
@@ -233,7 +246,7 @@ def test_stretched_world_increases_error():
         Simulator(grid, stretch=0.0)
 
 
-# What is reported
+# Reported rates
 
 
 def test_verdict_compares_rates_of_reached_goals():
@@ -263,7 +276,7 @@ def test_commands_report_equal_rates():
     report = check(grid, robot, {"a": start, "b": goal}, effort="quick", seed=3)
     (route,) = report.routes
     assert route.path.xy.tolist() == shortest.xy.tolist()
-    choice = recommend_path(
+    recommendation = recommend_path(
         grid,
         start,
         goal,
@@ -272,20 +285,20 @@ def test_commands_report_equal_rates():
         settings=RecommendationSettings(drives=32, rival=None),
         seed=3,
     )
-    shown = choice.shortest
-    assert shown.driven.numbers == range(len(shown.driven.numbers))
-    count = len(shown.driven.numbers)
+    candidate = recommendation.shortest
+    count = len(candidate.driven.numbers)
+    assert candidate.driven.numbers == range(count)
     for drives in {count, route.rates.n_drives}:
         closed = ClosedLoopSettings(drives=16)
         result = simulate(grid, {"a": shortest}, robot, drives=drives, closed=closed, seed=3)
         if drives == count:
-            assert result.drives["a"].lost_rate == shown.driven.lost_rate
-            assert result.drives["a"].off_at_end_rate == shown.driven.off_at_end_rate
+            assert result.drives["a"].lost_rate == candidate.driven.lost_rate
+            assert result.drives["a"].off_at_end_rate == candidate.driven.off_at_end_rate
         if drives == route.rates.n_drives:
             assert result.drives["a"].lost_rate == route.rates.lost
             assert 0 < route.rates.lost.value < 1
-        assert result.arrivals["a"].arrival_rate == shown.arrivals.arrival_rate
+        assert result.arrivals["a"].arrival_rate == candidate.arrivals.arrival_rate
     assert (route.rates.n_closed, route.rates.reached.value) == (
         16,
-        shown.arrivals.arrival_rate.value,
+        candidate.arrivals.arrival_rate.value,
     )

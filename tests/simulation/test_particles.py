@@ -1,4 +1,4 @@
-"""The kernels of the particle filter beside plain loops with the same random numbers."""
+"""Kernels of the particle filter, compared with plain loops of the same random numbers."""
 
 from __future__ import annotations
 
@@ -59,7 +59,12 @@ def test_weighing_without_returns_only_normalizes():
     scores = simulator(room()).arguments.scores
     particles.weigh_particles(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, weights)
     assert weights == pytest.approx([1 / 3, 2 / 3, 0])
-    particles.weigh_particles(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, np.zeros(3))
+
+
+def test_weighing_equalizes_zero_weights():
+    weights, scores = np.zeros(3), simulator(room()).arguments.scores
+    particles.weigh_particles(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, weights)
+    assert weights == pytest.approx([1 / 3] * 3)
 
 
 @pytest.mark.parametrize("model", [DIFFERENTIAL, OMNIDIRECTIONAL])
@@ -95,8 +100,8 @@ def test_clusters_are_those_of_touching_bins(count):
     for n in range(count):
         bins = particles.insert_particle(histogram, bins, n, *poses[:, n])
     assert bins == len(set(oracles.particles.bins_of(poses)))
-    found = particles.compute_heaviest_mean(histogram, bins, poses, count)
-    assert found == pytest.approx(oracles.particles.heaviest_cluster_mean(poses), abs=1e-12)
+    mean = particles.compute_heaviest_mean(histogram, bins, poses, count)
+    assert mean == pytest.approx(oracles.particles.heaviest_cluster_mean(poses), abs=1e-12)
     particles.clear_histogram(histogram, bins)
     assert (histogram.bin_of == particles.FREE).all()
 
@@ -115,46 +120,48 @@ def test_kld_sample_size_equals_amcl():
 @pytest.mark.parametrize(("limits", "lost"), [((5, 400), 0.0), ((60, 60), 0.0), ((60, 400), 0.3)])
 def test_resampling_equals_plain_loop(limits, lost):
     random = np.random.default_rng(4)
-    own = {"recovery_alpha_slow": 0.001, "recovery_alpha_fast": 0.1} if lost else {}
-    amcl = Amcl(min_particles=limits[0], max_particles=limits[1], pf_err=0.2, **own)
-    grid, made = room(), simulator(room(), amcl).arguments
+    recovery = {"recovery_alpha_slow": 0.001, "recovery_alpha_fast": 0.1} if lost else {}
+    amcl = Amcl(min_particles=limits[0], max_particles=limits[1], pf_err=0.2, **recovery)
+    grid, arguments = room(), simulator(room(), amcl).arguments
     count = 60
     poses, weights = cloud(random, limits[1]), np.zeros(limits[1])
     weights[:count] = random.exponential(size=count)
     weights[:count] /= weights[:count].sum()
     free = np.argwhere(grid.free).tolist(), grid.resolution
-    given = poses[:, :count], weights[:count], amcl, lost, *free
-    expected = oracles.particles.resample(np.random.default_rng(8), *given)
+    expected = oracles.particles.resample(
+        np.random.default_rng(8), poses[:, :count], weights[:count], amcl, lost, *free
+    )
     drawn = np.empty_like(poses)
     histogram, bins = particles.make_histogram(limits[1]), 0
     for n in range(count):
         bins = particles.insert_particle(histogram, bins, n, *poses[:, n])
-    found, _ = particles.resample_particles(
+    n_drawn, _ = particles.resample_particles(
         np.random.default_rng(8),
         poses,
         weights,
         count,
-        made.filter,
+        arguments.filter,
         histogram,
         bins,
         drawn,
-        made.scores,
+        arguments.scores,
         lost,
     )
-    assert found == expected.shape[1] <= limits[1]
-    assert drawn[:, :found] == pytest.approx(expected)
+    assert n_drawn == expected.shape[1] <= limits[1]
+    assert drawn[:, :n_drawn] == pytest.approx(expected)
 
 
 def test_lost_share_rises_with_falling_weights():
     """This share of the particles is drawn at random places."""
     amcl = Amcl(recovery_alpha_slow=0.01, recovery_alpha_fast=0.3)
     settings = simulator(room(), amcl).arguments.filter
-    found, plain = np.zeros(2), np.zeros(2)
+    averages, expected = np.zeros(2), np.zeros(2)
     shares = []
     for weight in (0.8, 0.9, 0.0, 0.2, 0.1, 0.1, 2.0):
-        shares.append(drives.update_lost_share(found, weight, settings))
-        assert shares[-1] == pytest.approx(oracles.particles.update_lost_share(plain, weight, amcl))
-        assert found == pytest.approx(plain)
+        shares.append(drives.update_lost_share(averages, weight, settings))
+        share = oracles.particles.update_lost_share(expected, weight, amcl)
+        assert shares[-1] == pytest.approx(share)
+        assert averages == pytest.approx(expected)
     assert shares[0] == shares[1] == shares[-1] == 0
     assert 0 < shares[3] < shares[4] < shares[5] < 1
     none = simulator(room(), Amcl()).arguments.filter
@@ -182,9 +189,19 @@ def test_resampling_follows_particle_weights():
     poses, weights = np.zeros((3, 20_000)), np.zeros(20_000)
     poses[0, :4], weights[:4] = (0, 1, 2, 3), (0.1, 0.2, 0.3, 0.4)
     drawn, histogram = np.empty_like(poses), particles.make_histogram(20_000)
-    made = simulator(room(), amcl).arguments
-    own = made.filter, histogram, 0, drawn, made.scores, 0.0
-    count, _ = particles.resample_particles(np.random.default_rng(1), poses, weights, 4, *own)
+    arguments = simulator(room(), amcl).arguments
+    count, _ = particles.resample_particles(
+        np.random.default_rng(1),
+        poses,
+        weights,
+        4,
+        arguments.filter,
+        histogram,
+        0,
+        drawn,
+        arguments.scores,
+        0.0,
+    )
     shares = np.bincount(drawn[0, :count].astype(int)) / count
     assert shares == pytest.approx(weights[:4], abs=0.015)
 
@@ -239,8 +256,8 @@ def test_odometry_drift_equals_plain_formula():
     here = simulator(
         room(), distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1
     )
-    told = drives.simulate_odometry(np.random.default_rng(3), truth, here.arguments.odometry)
-    assert told == pytest.approx(
+    odometry = drives.simulate_odometry(np.random.default_rng(3), truth, here.arguments.odometry)
+    assert odometry == pytest.approx(
         oracles.particles.odometry_along(np.random.default_rng(3), truth, here.robot.odometry)
     )
 

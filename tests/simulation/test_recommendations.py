@@ -1,4 +1,4 @@
-"""The simulated choice for many queries, here and on executors."""
+"""Recommended paths for many queries, computed here and on executors."""
 
 import math
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -42,7 +42,7 @@ def costs():
 
 
 @pytest.fixture(scope="module")
-def made(costs):
+def recommendations(costs):
     return recommend_many(costs, QUERIES, **QUICK)
 
 
@@ -56,13 +56,13 @@ class Late(Executor):
         task = Future()
         self.tasks.append((task, call, arguments))
         if len(self.tasks) == len(QUERIES):
-            for each, made, given in reversed(self.tasks):
-                each.set_result(made(*given))
+            for earlier, function, values in reversed(self.tasks):
+                earlier.set_result(function(*values))
         return task
 
 
-def test_recommend_paths_equals_recommend_path(costs, made):
-    for seed, (query, each) in enumerate(zip(QUERIES, made, strict=True), 1):
+def test_recommend_paths_equals_recommend_path(costs, recommendations):
+    for seed, (query, each) in enumerate(zip(QUERIES, recommendations, strict=True), 1):
         asked = {"costs": costs, "seed": seed, "threads": 1, **QUICK}
         single = recommend(costs.grid, query.start, query.goal, **asked)
         assert (each.map, each.query) == ("two_corridors", query)
@@ -70,24 +70,24 @@ def test_recommend_paths_equals_recommend_path(costs, made):
         assert each.recommendation.robot.lidar == LIDAR
 
 
-def test_saved_recommendations_are_read_back(made, tmp_path):
-    made.save(tmp_path / "planned")
+def test_saved_recommendations_are_read_back(recommendations, tmp_path):
+    recommendations.save(tmp_path / "planned")
     read = read_recommendations(tmp_path / "planned")
-    assert read == {each.query.name: each.recommendation for each in made}
+    assert read == {each.query.name: each.recommendation for each in recommendations}
     header, *rows = (tmp_path / "planned" / "choices.csv").read_text().splitlines()
     assert header.startswith("map,query,")
     assert len(rows) == len(QUERIES)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "choices.csv").write_text("mine")
     with pytest.raises(LocplanError, match=r"choices\.csv: was not written by"):
-        made.save(tmp_path / "mine")
-    same = Recommendations((made[0], made[0]))
+        recommendations.save(tmp_path / "mine")
+    same = Recommendations((recommendations[0], recommendations[0]))
     with pytest.raises(ConfigError, match="'far' and 'far' would be saved as one file"):
         same.save(tmp_path / "same")
 
 
 @pytest.mark.parametrize("kind", sample_cases(["processes", "late", "threads"]))
-def test_recommendations_are_equal_for_all_executors(costs, made, kind):
+def test_recommendations_are_equal_for_all_executors(costs, recommendations, kind):
     pools = {
         "late": Late,
         "threads": lambda: ThreadPoolExecutor(2),
@@ -98,14 +98,16 @@ def test_recommendations_are_equal_for_all_executors(costs, made, kind):
         other = recommend_many(
             costs, QUERIES, executor=executor, **QUICK, progress=lambda *each: done.append(each)
         )
-    assert [each.recommendation for each in other] == [each.recommendation for each in made]
+    assert [each.recommendation for each in other] == [
+        each.recommendation for each in recommendations
+    ]
     assert done == [(1, 3), (2, 3), (3, 3)]
     assert all(each.recommendation.costs is costs for each in other)
 
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("default")  # of dask's own shutting down
-def test_dask_cluster_returns_equal_recommendations(costs, made):
+def test_dask_cluster_returns_equal_recommendations(costs, recommendations):
     distributed = pytest.importorskip("distributed", reason="locplan[dask] is not installed")
     with (
         distributed.LocalCluster(
@@ -114,7 +116,9 @@ def test_dask_cluster_returns_equal_recommendations(costs, made):
         distributed.Client(cluster, set_as_default=False) as client,
     ):
         other = recommend_many(costs, QUERIES, executor=client.get_executor(), **QUICK)
-    assert [each.recommendation for each in other] == [each.recommendation for each in made]
+    assert [each.recommendation for each in other] == [
+        each.recommendation for each in recommendations
+    ]
 
 
 def test_task_uses_single_thread(costs, monkeypatch):
@@ -127,8 +131,8 @@ def test_task_uses_single_thread(costs, monkeypatch):
 
     monkeypatch.setattr(module, "recommend_path", note)
     case = module._QueryCase("map", costs, QUERIES[1], 2)
-    found = module.recommend_for_case(locplan.__version__, case, ROBOT, SETTINGS)
-    assert (found.costs, threads) == (None, [1])
+    recommendation = module.recommend_for_case(locplan.__version__, case, ROBOT, SETTINGS)
+    assert (recommendation.costs, threads) == (None, [1])
     recommend_many(costs, QUERIES[1:2], **QUICK, threads=2)
     assert threads == [1, 2]
 
@@ -169,59 +173,63 @@ def test_failing_executor_raises_locplan_error(costs):
         def submit(self, *_):
             raise OSError("no\nworkers")
 
-    with pytest.raises(LocplanError, match=r"'far': the executor failed \(OSError: no"):
+    with pytest.raises(LocplanError, match=r"'far': the executor failed \(OSError: no workers\)$"):
         recommend_many(costs, QUERIES, executor=Broken(), **QUICK)
 
 
-def test_report_summarizes_all_queries(made):
+def test_report_summarizes_all_queries(recommendations):
     ratios = [
         each.recommendation.recommended_candidate.driven.error.value
         / each.recommendation.shortest.driven.error.value
-        for each in made
+        for each in recommendations
     ]
-    assert made.error_ratio.value == pytest.approx(math.exp(np.log(ratios).mean()))
-    assert made.n_detours == sum(each.recommendation.best > 0 for each in made)
+    assert recommendations.error_ratio.value == pytest.approx(math.exp(np.log(ratios).mean()))
+    assert recommendations.n_detours == sum(
+        each.recommendation.best > 0 for each in recommendations
+    )
     lost = [
         [
             e.driven.lost.mean()
             for e in (c.recommendation.shortest, c.recommendation.recommended_candidate)
         ]
-        for c in made
+        for c in recommendations
     ]
-    assert made.lost == pytest.approx(np.mean(lost, axis=0))
+    assert recommendations.lost == pytest.approx(np.mean(lost, axis=0))
     off = [
         [
             e.driven.off_at_end.mean()
             for e in (c.recommendation.shortest, c.recommendation.recommended_candidate)
         ]
-        for c in made
+        for c in recommendations
     ]
-    assert made.off_at_end == pytest.approx(np.mean(off, axis=0))
-    rows = made.table().records()
+    assert recommendations.off_at_end == pytest.approx(np.mean(off, axis=0))
+    rows = recommendations.table().records()
     assert [row["query"] for row in rows] == ["far", "near", "back"]
     far = rows[0]
     assert (far["start_x"], far["goal_y"]) == (QUERIES[0].start[0], QUERIES[0].goal[1])
-    assert far["length_chosen"] == made[0].recommendation.path.length
-    shortest = made[0].recommendation.shortest
+    assert far["length_chosen"] == recommendations[0].recommendation.path.length
+    shortest = recommendations[0].recommendation.shortest
     assert far["error_shortest"] == pytest.approx(shortest.driven.error.value)
-    text = " ".join(made.report().split())
-    assert f"two_corridors 3 of 3 {made.n_detours} " in text
-    assert f"{made.error_ratio.value:.2f}" in text
-    assert f"{made.lost[0]:.0%} -> {made.lost[1]:.0%}" in text
+    text = " ".join(recommendations.report().split())
+    assert f"two_corridors 3 of 3 {recommendations.n_detours} " in text
+    assert f"{recommendations.error_ratio.value:.2f}" in text
+    assert f"{recommendations.lost[0]:.0%} -> {recommendations.lost[1]:.0%}" in text
 
 
 def test_recommend_paths_takes_queries_per_map(costs):
     hall = environments.make("hall", resolution=0.1)
     maps = {"corridors": costs, "hall": Costmap.blank(hall)}
-    found = recommend_many(maps, {"hall": 1, "corridors": QUERIES[1:2]}, **QUICK, query_seed=4)
-    assert [(each.map, each.query.name) for each in found] == [
+    recommendations = recommend_many(
+        maps, {"hall": 1, "corridors": QUERIES[1:2]}, **QUICK, query_seed=4
+    )
+    assert [(each.map, each.query.name) for each in recommendations] == [
         ("corridors", "near"),
         ("hall", "random 1"),
     ]
-    assert math.dist(found[1].query.start, found[1].query.goal) >= 10.0
-    assert found[1].recommendation.robot.lidar.range == 6.0  # the default
-    assert "all maps" in found.report()
-    assert len([each for each in found if each.map == "hall"]) == 1
+    assert math.dist(recommendations[1].query.start, recommendations[1].query.goal) >= 10.0
+    assert recommendations[1].recommendation.robot.lidar.range == 6.0  # the default
+    assert "all maps" in recommendations.report()
+    assert len([each for each in recommendations if each.map == "hall"]) == 1
     with pytest.raises(ConfigError, match="no queries for map 'hall'"):
         recommend_many(maps, {"corridors": QUERIES[:1]}, **QUICK)
 
@@ -229,12 +237,12 @@ def test_recommend_paths_takes_queries_per_map(costs):
 def test_report_counts_queries_without_path():
     parted = ascii_map(*["....#...."] * 4, resolution=0.5)
     ends = [((0.75, 0.75), (3.75, 0.75)), ((0.75, 0.75), (1.25, 1.25))]
-    found = recommend_many(Costmap.blank(parted), ends, **QUICK)
-    assert [each.recommendation.status for each in found] == ["unreachable", "solved"]
-    assert (len(found.solved_recommendations), found.n_detours) == (1, 0)
-    assert "1 of 2" in found.report()
-    assert found.table().records()[0]["chosen"] == ""
-    assert found.error_ratio.value == 1.0
+    recommendations = recommend_many(Costmap.blank(parted), ends, **QUICK)
+    assert [each.recommendation.status for each in recommendations] == ["unreachable", "solved"]
+    assert (len(recommendations.solved_recommendations), recommendations.n_detours) == (1, 0)
+    assert "1 of 2" in recommendations.report()
+    assert recommendations.table().records()[0]["chosen"] == ""
+    assert recommendations.error_ratio.value == 1.0
     only = recommend_many(Costmap.blank(parted), ends[:1], **QUICK)
     assert "0 of 1" in only.report()
 
@@ -249,11 +257,11 @@ def test_default_field_is_fused_for_lidar(monkeypatch):
 
     monkeypatch.setattr(module, "load_or_compute", field_of)
     grid = environments.make("hall", resolution=0.1)
-    found = recommend_many(
+    recommendations = recommend_many(
         grid, 2, robot=Robot(LIDAR, footprint=0.4, margin=0.0), drives=2, threads=1
     )
     assert asked == [("hall", locplan.Fused(LIDAR), 1)]
-    assert {each.recommendation.costs.robot_radius for each in found} == {0.4}
+    assert {each.recommendation.costs.robot_radius for each in recommendations} == {0.4}
 
 
 @pytest.mark.parametrize(
@@ -274,8 +282,11 @@ def test_default_field_is_fused_for_lidar(monkeypatch):
     ],
 )
 def test_recommend_paths_rejects_bad_input(costs, maps, queries, options, message, monkeypatch):
-    given = costs if maps == "costs" else [maps] if maps is None else maps
-    monkeypatch.setattr(module, "recommend_path", None)  # before any choice
+    if maps == "costs":
+        maps = costs
+    elif maps is None:
+        maps = [None]
+    monkeypatch.setattr(module, "recommend_path", None)  # bad input is rejected earlier
     kind = PoseError if "outside" in message else LocplanError
     with pytest.raises(kind, match=message):
-        recommend_many(given, queries, **(QUICK | options))
+        recommend_many(maps, queries, **(QUICK | options))

@@ -1,8 +1,7 @@
 """The verdict on paired drives: how often each caller errs, and how often it finds a gain.
 
-Errors are drawn, not simulated: their logarithms deviate by 0.45 in pairs about the logarithm of a
-known ratio, and a tenth of the drives is lost. Drives are lost together in most pairs, as they are
-in one world.
+Errors are drawn, not simulated. The logarithms of their ratios have a known mean and a standard
+deviation of 0.45. A tenth of the drives is lost, in half of the pairs together as in one world.
 """
 
 from __future__ import annotations
@@ -56,21 +55,21 @@ def draw_pairs(ratios, n_drives, seed, lost=(LOST_SHARE, LOST_SHARE)):
     return errors, [ranks < lost[0], others < lost[1]]
 
 
-def look_at(ratio, n_drives=64, count=4000, seed=1, lost=(LOST_SHARE, LOST_SHARE), **more):
+def evaluate_pairs(ratio, n_drives=64, count=4000, seed=1, lost=(LOST_SHARE, LOST_SHARE), **more):
     (before, after), flags = draw_pairs([ratio] * count, n_drives, seed, lost)
     return evaluate_look(after - before, *flags, **more)
 
 
-def words_at_looks(ratio, count=4000, limit=64, **more):
-    """Return the words of drives that double until they are decided."""
+def count_words_at_looks(ratio, count=4000, limit=64, **more):
+    """Count the words of drives that double until they are decided."""
     (before, after), (lost, others) = draw_pairs([ratio] * count, limit, 7, **more)
     words = np.full(count, UNDECIDED, object)
     counts = plan_looks(limit)
     for left, n in zip(reversed(range(len(counts))), counts, strict=True):
-        shown = evaluate_look(
+        look = evaluate_look(
             after[:, :n] - before[:, :n], lost[:, :n], others[:, :n], looks_left=left
         )
-        words = np.where(words == UNDECIDED, shown.words, words)
+        words = np.where(words == UNDECIDED, look.words, words)
     return Counter(words.tolist())
 
 
@@ -84,28 +83,28 @@ def drive_set(errors, lost):
 @pytest.mark.parametrize("lost", [(0.0, 0.0), (0.1, 0.1), (0.4, 0.4)])
 def test_verdict_rarely_prefers_equal_drives(lost):
     count = 4000
-    words = words_at_looks(1.0, count, lost=lost)
+    words = count_words_at_looks(1.0, count, lost=lost)
     for word in (BETTER, WORSE):
         assert words[word] <= (0.025 + 2 * math.sqrt(0.025 / count)) * count
     assert 2 * words[WORSE] >= words[BETTER] - 20
 
 
 def test_verdict_finds_ratio_of_four_fifths():
-    assert np.mean(look_at(0.8).is_better) >= 0.9
-    words = words_at_looks(0.8)
+    assert np.mean(evaluate_pairs(0.8).is_better) >= 0.9
+    words = count_words_at_looks(0.8)
     assert words[BETTER] >= 0.9 * sum(words.values())
     assert words[WORSE] <= 0.001 * sum(words.values())
 
 
 def test_verdict_finds_fewer_lost_drives():
-    shown = look_at(1.0, lost=(0.4, 0.1))
-    assert np.mean(shown.has_fewer_lost & shown.is_better) >= 0.9
+    look = evaluate_pairs(1.0, lost=(0.4, 0.1))
+    assert np.mean(look.has_fewer_lost & look.is_better) >= 0.9
 
 
 def test_single_look_has_full_error_probability():
-    """It finds more than the last of several, and still errs as rarely as allowed."""
-    assert np.mean(look_at(1.0, looks_left=None).is_better) <= 0.025
-    alone, last = (np.mean(look_at(0.8, looks_left=left).is_better) for left in (None, 0))
+    """A single look finds more gains than the last of several looks."""
+    assert np.mean(evaluate_pairs(1.0, looks_left=None).is_better) <= 0.025
+    alone, last = (np.mean(evaluate_pairs(0.8, looks_left=left).is_better) for left in (None, 0))
     assert alone > last + 0.01
 
 
@@ -130,23 +129,21 @@ def test_contradicting_errors_and_losses_are_undecided():
 
 def test_narrow_interval_means_no_difference():
     errors = np.linspace(-0.3, 0.3, 64)
-    alike = drive_set(errors[::-1] * 0.1 + errors, errors > 9)
-    assert compare_drives(drive_set(errors, errors > 9), alike).word == NO_DIFFERENCE
-    assert (
-        compare_drives(drive_set(errors, errors > 9), drive_set(errors, errors > 9)).ratio.value
-        == 1
-    )
-    assert compare_drives(
-        drive_set(errors[:4], [False] * 4), drive_set(errors[-4:], [False] * 4)
-    ).word in (
-        WORSE,
-        UNDECIDED,
-    )
+    drives = drive_set(errors, [False] * 64)
+    similar_drives = drive_set(errors[::-1] * 0.1 + errors, [False] * 64)
+    assert compare_drives(drives, similar_drives).word == NO_DIFFERENCE
+    assert compare_drives(drives, drives).ratio.value == 1
+
+
+def test_wide_interval_is_undecided():
+    drives = drive_set([0.0] * 4, [False] * 4)
+    scattered_drives = drive_set([0.3, -0.3, 0.3, -0.3], [False] * 4)
+    assert compare_drives(drives, scattered_drives).word == UNDECIDED
 
 
 def test_verdict_intervals_cover_true_ratio():
-    shown = look_at(0.8, looks_left=0)
-    assert np.mean((shown.low <= math.log(0.8)) & (math.log(0.8) <= shown.high)) >= 0.975
+    look = evaluate_pairs(0.8, looks_left=0)
+    assert np.mean((look.low <= math.log(0.8)) & (math.log(0.8) <= look.high)) >= 0.975
     verdict = compare_drives(
         drive_set([0.0] * 8, [True] * 4 + [False] * 4), drive_set([1.0] * 8, [0] * 8)
     )
@@ -177,8 +174,8 @@ def test_drive_set_joins_several_paths():
 # The confirmation
 
 
-def confirmation(ratio, seed, limit=64):
-    """Return a function that drives pairs of a known ratio, and the counts that it drove."""
+def make_drive(ratio, seed, limit=64):
+    """Return a function that drives pairs of a known ratio, and the counts of its drives."""
     (before, after), (lost, others) = draw_pairs([ratio], limit, seed)
     counts = []
 
@@ -191,70 +188,71 @@ def confirmation(ratio, seed, limit=64):
 
 
 def test_confirmation_ends_at_first_decision():
-    drive, counts = confirmation(0.2, 1)
+    drive, counts = make_drive(0.2, 1)
     assert confirm_alternative(drive, range(64)).word == BETTER
     assert counts == [8]
-    drive, counts = confirmation(0.9, 1)
+    drive, counts = make_drive(0.9, 1)
     verdict = confirm_alternative(drive, range(64))
     assert sum(counts) == verdict.n_drives in (16, 32, 64)
-    drive, counts = confirmation(0.9, 1)
+    drive, counts = make_drive(0.9, 1)
     assert confirm_alternative(drive, range(64), is_time_up=lambda: True).n_drives == counts[0] == 8
-    drive, counts = confirmation(0.2, 1)
+    drive, counts = make_drive(0.2, 1)
     assert confirm_alternative(drive, range(64), looks=[64]).n_drives == counts[0] == 64
 
 
 def test_confirmation_rarely_prefers_equal_drives():
-    words = Counter(
-        confirm_alternative(confirmation(1.0, n)[0], range(64)).word for n in range(1000)
-    )
+    words = Counter(confirm_alternative(make_drive(1.0, n)[0], range(64)).word for n in range(1000))
     assert words[BETTER] <= 30
 
 
 # The callers
 
 
-def place_of(numbers, drives):
-    """Return the places of drives in arrays: first those that judge, then those that choose."""
+def index_drives(numbers, n_confirming):
+    """Return the columns of drives: first those that confirm, then those that choose."""
     return [
-        number if number < FIRST_CHOOSING_DRIVE else number - FIRST_CHOOSING_DRIVE + drives
+        number if number < FIRST_CHOOSING_DRIVE else number - FIRST_CHOOSING_DRIVE + n_confirming
         for number in numbers
     ]
 
 
-def choose_among(ratios, seed, drives=64):
-    """Return the judgement of `recommend_path` on paths of known ratios, the shortest first."""
+def race_paths(ratios, seed, n_confirming=64):
+    """Return the race of paths with known ratios of errors, the shortest first."""
     random = np.random.default_rng(seed)
-    shape = len(ratios), drives + 8
+    shape = len(ratios), n_confirming + 8
     errors = 0.4 * random.normal(size=shape[1]) + random.normal(0, DEVIATION / math.sqrt(2), shape)
     errors += np.log(ratios)[:, None]
     lost = random.uniform(size=shape) < LOST_SHARE
 
     def drive(paths, numbers):
-        at = np.ix_([*paths], place_of(numbers, drives))
+        at = np.ix_([*paths], index_drives(numbers, n_confirming))
         return DriveScores(errors[at], lost[at])
 
-    return run_race(drive, np.zeros(len(ratios)), 1.0, drives)
+    return run_race(drive, np.zeros(len(ratios)), 1.0, n_confirming)
 
 
 def test_recommend_path_rarely_prefers_equal_paths():
-    taken = [choose_among([1.0] * 9, seed).recommends_leader(bold=False) for seed in range(400)]
-    assert np.mean(taken) <= 0.025
+    verdicts = [race_paths([1.0] * 10, seed).verdict for seed in range(400)]
+    assert np.mean([verdict == BETTER for verdict in verdicts]) <= 0.025
 
 
 def test_recommend_path_agrees_with_verdict():
+    words = []
     for seed in range(30):
         (before, after), (lost, others) = draw_pairs([0.7], 16, seed, (0.1, 0.1))
 
         def drive(paths, numbers, pairs=((before, lost), (after, others))):
-            at = place_of(numbers, 8)
+            at = index_drives(numbers, 8)
             rows = [(errors[0, at], flags[0, at]) for errors, flags in (pairs[n] for n in paths)]
             return DriveScores(*(np.array(part) for part in zip(*rows, strict=True)))
 
-        found = run_race(drive, np.zeros(2), 1.0, 8)
-        if found.leader:
+        race = run_race(drive, np.zeros(2), 1.0, 8)
+        if race.leader:
             both = drive_set(before[0, :8], lost[0, :8]), drive_set(after[0, :8], others[0, :8])
             verdict = compare_drives(*both)
-            assert (verdict.word, verdict.ratio) == (found.verdict, found.ratio)
+            assert (verdict.word, verdict.ratio) == (race.verdict, race.ratio)
+            words.append(verdict.word)
+    assert {BETTER, UNDECIDED} <= set(words)
 
 
 class DrawnSite:
@@ -340,8 +338,8 @@ def test_check_lets_fresh_drives_alone_decide():
     assert site.recommend() == ()
 
 
-def drives_of(log_errors, lost, n_poses=400):
-    """Return Drives of these errors; lost ones are off by more than LOST at one pose."""
+def make_drives(log_errors, lost, n_poses=400):
+    """Return Drives of known errors; the lost drives exceed LOST_DISTANCE at one pose."""
     errors = np.zeros((len(lost), n_poses, 3))
     errors[..., 0] = np.minimum(np.exp(log_errors), LOST_DISTANCE - 0.1)[:, None]
     errors[lost, n_poses // 2, 0] = LOST_DISTANCE + 0.1
@@ -360,12 +358,12 @@ class DrawnDriver:
         draws = draw_pairs([self.ratio] * len(paths), len(numbers), self.seed + 1000 * pair)
         errors, lost = (both[side] for both in draws)
         return {
-            name: drives_of(errors[n] - 2.0, lost[n], n_poses=200) for n, name in enumerate(paths)
+            name: make_drives(errors[n] - 2.0, lost[n], n_poses=200) for n, name in enumerate(paths)
         }
 
 
-def words_of_landmarks(monkeypatch, ratio, count, drives):
-    """Return the verdicts on the same landmarks, on drives of a known ratio."""
+def count_landmark_verdicts(monkeypatch, ratio, count, drives):
+    """Count the verdicts on landmarks from drives of a known ratio."""
     cells = np.full((40, 60), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     line = {"a": [[1.0, 2.0], [5.0, 2.0]], "b": [[1.0, 1.0], [5.0, 1.0]]}
@@ -374,38 +372,38 @@ def words_of_landmarks(monkeypatch, ratio, count, drives):
     landmarks = place_landmarks(OccupancyGrid(cells, 0.1), Pole(0.2), 1, paths=paths, robot=robot)
     words = []
     for seed in range(count):
-        monkeypatch.setattr(VERIFYING, DrawnDriver(ratio, seed))
+        monkeypatch.setattr(LANDMARK_DRIVER, DrawnDriver(ratio, seed))
         words.append(verify_landmarks(landmarks, drives, random_sets=1).word)
     return Counter(words)
 
 
-def words_of_mend(monkeypatch, ratio, count, drives):
-    """Return the verdicts on a mended map, on drives of a known ratio."""
+def count_repair_verdicts(monkeypatch, ratio, count, drives):
+    """Count the verdicts on a repaired map from drives of a known ratio."""
     words = []
     for seed in range(count):
-        monkeypatch.setattr(MENDING, DrawnDriver(ratio, seed))
+        monkeypatch.setattr(REPAIR_DRIVER, DrawnDriver(ratio, seed))
         words += [each.verdict for each in repair(blocks(), paths=2, drives=drives).verdicts]
     return Counter(words)
 
 
-VERIFYING = "locplan.advice.landmarks.drive_open"
-MENDING = "locplan.advice.map_repair.drive_open"
+LANDMARK_DRIVER = "locplan.advice.landmarks.drive_open"
+REPAIR_DRIVER = "locplan.advice.map_repair.drive_open"
 
 
 @pytest.mark.parametrize(
-    ("words_of", "count"),
+    ("count_verdicts", "count"),
     [
-        (words_of_landmarks, 400),
-        (words_of_mend, 80),  # a call plans its routes, which takes 30 ms
-        pytest.param(words_of_mend, 800, marks=pytest.mark.long),
+        (count_landmark_verdicts, 400),
+        (count_repair_verdicts, 80),  # a call plans its routes, which takes 30 ms
+        pytest.param(count_repair_verdicts, 800, marks=pytest.mark.long),
     ],
 )
-def test_landmarks_and_repair_err_rarely(monkeypatch, words_of, count):
-    words = words_of(monkeypatch, 1.0, count, 32)
+def test_landmarks_and_repair_err_rarely(monkeypatch, count_verdicts, count):
+    words = count_verdicts(monkeypatch, 1.0, count, 32)
     assert words[BETTER] <= 0.025 * count
     assert words[BETTER] + words[WORSE] <= 0.05 * count
     count //= 4
-    words = words_of(monkeypatch, 0.8, count, 32)  # 64 pairs of drives
+    words = count_verdicts(monkeypatch, 0.8, count, 32)  # 64 pairs of drives
     assert words[BETTER] >= 0.9 * count
 
 
@@ -415,7 +413,7 @@ def test_check_and_landmarks_agree_with_verdict():
     for seed, ratio in enumerate([1.0, 0.9, 0.8, 0.7, 0.5, 1.5] * 3):
         (before, after), flags = draw_pairs([ratio], 48, seed, (0.2, 0.1))
         both = [
-            drives_of(errors[0] - 2.5, lost[0])
+            make_drives(errors[0] - 2.5, lost[0])
             for errors, lost in zip((before, after), flags, strict=True)
         ]
         sets = [DriveSet.from_drives([drives]) for drives in both]
@@ -435,10 +433,10 @@ def test_check_and_landmarks_agree_with_verdict():
     assert {BETTER, UNDECIDED} <= seen
 
 
-def drawn_tuning(ratios, seed):
-    """Return what `tune` recommends of presets with known ratios of errors.
+def recommend_preset(ratios, seed):
+    """Return the preset that `tune` recommends if the ratios of errors are known.
 
-    The ratios are those of the user's settings, of the precise and of the safe preset.
+    The ratios belong to the user's settings, the precise preset and the safe preset.
     """
     user_settings = Amcl()
     settings = [user_settings, *list_applicable_presets(user_settings).values()]
@@ -457,18 +455,18 @@ def drawn_tuning(ratios, seed):
 
 def test_tune_rarely_recommends_equal_presets():
     """Both presets equal the user's settings."""
-    recommended = [drawn_tuning([1.0] * 3, seed) for seed in range(400)]
+    recommended = [recommend_preset([1.0] * 3, seed) for seed in range(400)]
     assert np.mean([name != USER_SETTINGS for name in recommended]) <= 0.025
 
 
 def test_tune_finds_preset_of_four_fifths():
     ratios = {"safe": [1.0, 1.0, 0.8], "precise": [1.0, 0.8, 1.0]}
-    hits = [drawn_tuning(of, seed) == name for name, of in ratios.items() for seed in range(600)]
+    hits = [recommend_preset(ratios[name], seed) == name for name in ratios for seed in range(600)]
     assert np.mean(hits) >= 0.9
 
 
 def test_has_more_off_needs_significant_difference():
-    """Seven more that are off suffice, six do not, nor do equally many others that return."""
+    """Seven harmed drives are significant, six are not; returning drives weigh against them."""
     errors, none = np.zeros(64), np.zeros(64, bool)
 
     def has_more(n_harmed, n_returned=0):
@@ -483,14 +481,14 @@ def test_has_more_off_needs_significant_difference():
 
 
 def test_drives_are_rarely_off_below_limit():
-    """At least a fifth would be off in all of so few drives with 3 % at most."""
+    """With a true rate of 20 %, at most 3 % of the sets have so few drives off."""
 
     def drives_with(n_off, n_drives):
         is_off = np.arange(n_drives) < n_off
         return DriveSet(np.zeros(n_drives), is_off, is_off)
 
-    few = [(0, 16), (1, 32), (6, 64)]
-    assert all(drives_with(*counts).is_rarely_off for counts in few)
-    assert not any(drives_with(n_off + 1, n).is_rarely_off for n_off, n in few)
+    limits = [(0, 16), (1, 32), (6, 64)]
+    assert all(drives_with(*limit).is_rarely_off for limit in limits)
+    assert not any(drives_with(n_off + 1, n).is_rarely_off for n_off, n in limits)
     assert drives_with(6, 16).can_be_rarely_off(64)
     assert not drives_with(7, 16).can_be_rarely_off(64)
