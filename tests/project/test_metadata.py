@@ -120,6 +120,15 @@ def test_workflows_name_files_that_exist(file):
         assert extras <= read_project()["project"]["optional-dependencies"].keys()
 
 
+def test_workflows_pin_actions():
+    """A commit cannot change under us, and one version of an action serves all workflows."""
+    text = "\n".join(file.read_text("utf-8") for file in WORKFLOWS)
+    actions = set(re.findall(r"uses: (?!\./)(.+)", text))
+    pinned = {action for action in actions if re.fullmatch(r".+@[0-9a-f]{40} # v[\d.]+", action)}
+    assert actions == pinned
+    assert len({action.partition("@")[0] for action in actions}) == len(actions) > 5
+
+
 def test_workflow_tests_declared_pythons():
     workflow = yaml.safe_load((ROOT / ".github/workflows/tests.yml").read_text("utf-8"))
     tested = workflow["jobs"]["suite"]["strategy"]["matrix"]["python"]
