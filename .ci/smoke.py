@@ -68,7 +68,8 @@ def check_commands() -> None:
     run("field", "two_corridors", "--field", "sad", "--stride", "2", "-o", "field.npz")
     run("export", "two_corridors", "--to", "nav2-keepout", "--choice", "planned", "-o", "mask")
     run("export", "two_corridors", "--to", "nav2-speed", "--lidar", "turtlebot4", "-o", "speed")
-    assert Path("mask/mask.yaml").is_file() and Path("speed/mask.yaml").is_file()
+    assert Path("mask/mask.yaml").is_file()
+    assert Path("speed/mask.yaml").is_file()
     message = run("plan", "nowhere.yaml", *ROUTE, code=2)
     assert len(message.strip().splitlines()) == 1, message
 
