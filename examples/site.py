@@ -228,7 +228,7 @@ class Site:
             return f"pictures/{within}"
         file = file / "README.md" if (file / "README.md").exists() else file
         if file not in self.pages:
-            self.pages[file] = f"source/{within}"
+            self.pages[file] = f"source/{within.lstrip('.')}"  # GitHub omits hidden folders
             self.waiting.append(file)
         return f"{self.pages[file]}.{'rst' if self.pages[file].startswith('api/') else 'md'}"
 

@@ -128,6 +128,12 @@ def test_source_page_shows_linked_program(site, tmp_path):
     assert (EXAMPLES / "compare.py").read_text("utf-8") in page
 
 
+def test_hidden_file_has_visible_page(site, tmp_path):
+    """The action that uploads the site to GitHub leaves out hidden files and folders."""
+    linked = site.Site(tmp_path, tmp_path).rewrite_links("[c](.ci/run)", PROJECT, "contributing")
+    assert linked == "[c](source/ci/run.md)"
+
+
 def test_page_signature_has_no_types(site):
     args = "(costs: Costmap, *, seed: int = 1, limits: Limits = <factory>) -> Plan"
     signature = site.remove_types(None, "function", "", None, None, args.partition(" ->")[0], "")
