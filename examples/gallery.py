@@ -247,7 +247,7 @@ def main(
         command = partial(entry.command.format, lidar=lidar, **places)
         picture = entry.picture.format(name=locplan.load_map(map_file).name)
         files = {"map": Path(map_file), "driven": DRIVEN, "drive": DRIVE, "examples": EXAMPLES}
-        whole = {name: shlex.quote(str(file.resolve())) for name, file in files.items()}
+        whole = {name: _quote(file, str(file.resolve())) for name, file in files.items()}
         program, *arguments = shlex.split(command(**whole))
         line = [*([] if program == "python" else ["-m", program]), *arguments]
         before = _written(target / picture)
@@ -256,7 +256,7 @@ def main(
         drawn = now > before or (done.returncode == 0 and now > 0)
         print(f"drew {picture}" if drawn else f"no {picture}: {done.stderr.strip()[-300:]}")
         if drawn:
-            short = {name: shlex.quote(file.name) for name, file in files.items()}
+            short = {name: _quote(file, file.name) for name, file in files.items()}
             sections.append(_section(entry, picture, command(**short)))
     page = "\n".join(["# Gallery\n", "Every picture, with its command.\n", *sections])
     (target / "index.md").write_text(page, encoding="utf-8")
@@ -273,6 +273,11 @@ def _places(map_file: str) -> dict[str, str]:
     middle = path.resample(path.length / 2, even=True).xy[1]
     named = {"start": start, "goal": goal, "middle": middle}
     return {name: f"{x:.2f},{y:.2f}" for name, (x, y) in named.items()}
+
+
+def _quote(file: Path, name: str) -> str:
+    """Return a file's name for a shell. Commands and reports show only a built-in map's name."""
+    return shlex.quote(file.stem if file.resolve().parent == MAP.parent else name)
 
 
 def _written(file: Path) -> int:

@@ -86,7 +86,7 @@ DOWNLOADS = (".html", ".csv", ".yaml")
 STUB = ":::{note}\nThis site was built with `--quick`, which leaves out this page.\n:::\n"
 SHARED_MAPS = ("hall", [32.2, 16.0], [4.3, 15.0]), ("two_corridors", [2.0, 3.0], [38.0, 3.0])
 """Maps of the shared pages of the explorer, with start and goal."""
-CHECK = ("check", "maps/two_corridors.yaml", "--lidar", "turtlebot4", "--effort", "quick")
+CHECK = ("check", "two_corridors", "--lidar", "turtlebot4", "--effort", "quick", "-o", "report")
 """Command that writes the shown report."""
 
 
@@ -291,10 +291,10 @@ class Site:
                 "## The explorer\n",
                 "Move the pointer over the map to read the uncertainty. Pick another layer, or"
                 " select a path.\n",
-                "```sh\nlocplan explore maps/hall.yaml --lidar turtlebot4\n```\n",
+                "```sh\nlocplan explore hall --lidar turtlebot4\n```\n",
                 *(make_frame(f"results/{name}.html", f"The map {name}") for name in maps),
                 "## The report of a check\n",
-                f"```sh\nlocplan {' '.join(CHECK)} -o report\n```\n",
+                f"```sh\nlocplan {' '.join(CHECK)}\n```\n",
                 make_frame("results/report/report.html", "The report"),
             ]
         self.write("results.md", "\n".join(parts))
@@ -401,8 +401,7 @@ def make_results(folder: Path) -> None:
             answer = session.answer("share", start=start, goal=goal, route="shared", view={})
             page = session.files.get(("download", answer["download"]))
             (folder / f"{name}.html").write_bytes(page.content)
-    line = [sys.executable, "-m", "locplan", *CHECK, "-o", folder / "report"]
-    subprocess.run(line, cwd=PROJECT, check=True)
+    subprocess.run([sys.executable, "-m", "locplan", *CHECK], cwd=folder, check=True)
 
 
 def make_frame(file: str, title: str) -> str:

@@ -103,7 +103,7 @@ def test_gallery_shows_pictures_with_commands(gallery, tmp_path, capsys):
     module.main(str(tmp_path), MAP, "turtlebot4", "info.png", "paper_e.png")
     page = (tmp_path / "index.md").read_text("utf-8")
     assert page.count("\n## ") == page.count("\n![") == 2
-    assert "```sh\nlocplan info two_corridors.yaml -o info.png\n```" in page
+    assert "```sh\nlocplan info two_corridors -o info.png\n```" in page
     assert "drew paper_e.png" in capsys.readouterr().out
     pictures = [entry.picture for entry in module.ENTRIES]
     assert len(set(pictures)) == len(pictures)
