@@ -87,8 +87,9 @@ def plan(
     start, goal : (x, y) or (x, y, heading)
         Positions in the world [m], with a heading [rad] if the planner's `space` has one.
     planner : str, function or Planner, optional
-        A name of `list_planner_names`; a function ``f(costs, start, goal, **options)`` that returns
-        a `Path`, `Plan` or `PlannerResult`; or an object, ``planning.AnyAngle(accuracy="high")``.
+        A name that ``locplan info`` lists; a function ``f(costs, start, goal, **options)`` that
+        returns a `Path`, `Plan` or `PlannerResult`; or an object,
+        ``planning.AnyAngle(accuracy="high")``.
         By default "lattice" if the robot of the costmap has an outline or a turning radius,
         otherwise "any-angle". If a planner ignores the outline or the turning radius, the plan's
         note reports it.

@@ -46,9 +46,7 @@ class Ompl:
     """
 
     name: str
-    """OMPL's name of the planner, such as "RRTstar"; see
-    `locplan.planning.registry.list_planner_names`.
-    """
+    """OMPL's name of the planner, such as "RRTstar". ``locplan info`` lists all."""
     space: str = "R2"
     """Space to plan in: "R2"; "SE2", where turning on the spot is free; "Dubins", with curves
     driven forward; "ReedsShepp", with curves that may reverse. Take one of the latter for a robot
