@@ -202,8 +202,14 @@ class PathOptions(FrameOptions):
 def write_path(target: Path, job: ExportJob, options: PathOptions) -> ExportSummary:
     """Write the job's path, of which there is exactly one."""
     from locplan.export.plain_files import write_path_file
+    from locplan.export.planned_paths import check_paths
+    from locplan.export.values import drop_path_yaw, drop_yaw
 
+    check_paths(job.costs, job.paths)
     (route,) = job.paths.values()
+    grid = job.costs.grid
+    if target.suffix.lower() == ".yaml" and drop_yaw(grid) is not grid:  # Nav2's message
+        route = drop_path_yaw(grid, route)
     write_path_file(target, route, frame=options.frame, step=options.step)
     return ExportSummary({"length": route.length}, (("length", f"{route.length:.2f} m"),))
 

@@ -36,8 +36,7 @@ from locplan.export.route_graph import (
     save_graph_preview,
     write_graph,
 )
-from locplan.export.values import drop_costmap_yaw, world_to_unrotated_map
-from locplan.maps.grid import OccupancyGrid
+from locplan.export.values import drop_costmap_yaw, drop_path_yaw
 from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.path import Path
 
@@ -210,7 +209,7 @@ def nav2_routes(
     grid = costs.grid
     unturned = drop_costmap_yaw(costs)
     if grid.origin[2]:
-        paths = {name: _remove_yaw(grid, path) for name, path in paths.items()}
+        paths = {name: drop_path_yaw(grid, path) for name, path in paths.items()}
     routes = build_recommended_routes(unturned, paths)
     name = grid.name or "a map"
     metadata = {"kind": "nav2-routes", "distro": distro, "changed_edges": routes.n_changed_edges}
@@ -236,12 +235,6 @@ def nav2_routes(
         save_graph_preview(temporary, unturned, routes.graph, title)
         _make_query_table(routes).write_csv(temporary / "routes.csv")
     return routes
-
-
-def _remove_yaw(grid: OccupancyGrid, path: Path) -> Path:
-    """Return a path, rotated to the map without its yaw."""
-    heading = None if path.heading is None else path.heading - grid.origin[2]
-    return Path(world_to_unrotated_map(grid, path.xy), heading)
 
 
 def _make_query_table(routes: RecommendedRoutes) -> Table:

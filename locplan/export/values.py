@@ -22,6 +22,7 @@ from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones
 from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.metrics import format_costs_caption
+from locplan.planning.path import Path as Route
 
 
 class YawWarning(UserWarning):
@@ -54,6 +55,12 @@ def world_to_unrotated_map(grid: OccupancyGrid, xy: Floats) -> Floats:
     """Return world positions (n, 2) rotated to the map without its yaw [m]."""
     unturned = dataclasses.replace(grid, origin=(*grid.origin[:2], 0.0))
     return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
+
+
+def drop_path_yaw(grid: OccupancyGrid, path: Route) -> Route:
+    """Return a path, rotated to the map without its yaw."""
+    heading = None if path.heading is None else path.heading - grid.origin[2]
+    return Route(world_to_unrotated_map(grid, path.xy), heading)
 
 
 def write_map_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> None:

@@ -1,4 +1,5 @@
 import csv
+import dataclasses
 import json
 import math
 import re
@@ -9,6 +10,7 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
+import yaml
 from support.cases import sample_cases
 from support.command_line import check_refusal
 from support.machine import SHARED_DATA
@@ -624,6 +626,39 @@ def test_export_writes_every_format(run, room, tmp_path, to, name, small_field):
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
         ["room.yaml", "room.pgm", name, *runs]
     )
+
+
+def test_yaml_path_lies_on_nav2_map(run, room, tmp_path):
+    """Nav2 ignores the yaw of a map. The CSV file stays in locplan's frame."""
+    grid = load_map(room)
+    turned = dataclasses.replace(grid, origin=(2.0, -1.0, 0.6), name="turned")
+    save_map(turned, tmp_path / "turned.yaml")
+    cells = grid.world_to_grid(np.array([1.0, 4.0]), np.array([1.0, 1.5]))
+    xy = np.column_stack(turned.grid_to_world(*cells))
+    Path(xy).save(tmp_path / "mine.csv")
+    line = "export", tmp_path / "turned.yaml", "--to", "path", "--path", tmp_path / "mine.csv"
+    code, _, err = run(*line, "-o", tmp_path / "out.csv")
+    assert code == 0
+    assert "yaw" not in err
+    np.testing.assert_allclose(Path.load(tmp_path / "out.csv").xy, xy, atol=1e-6)
+    _, _, err = run(*line, "-o", tmp_path / "out.yaml")
+    assert "turned has a yaw of 0.6 rad" in err
+    poses = [each["pose"] for each in yaml.safe_load((tmp_path / "out.yaml").read_text())["poses"]]
+    nav2_grid = dataclasses.replace(turned, origin=(2.0, -1.0, 0.0))
+    positions = np.array([[each["position"]["x"], each["position"]["y"]] for each in poses])
+    np.testing.assert_allclose(nav2_grid.world_to_grid(*positions.T), cells, atol=1e-5)
+    turn = poses[0]["orientation"]
+    assert 2 * np.arctan2(turn["z"], turn["w"]) == pytest.approx(np.arctan2(0.5, 3), abs=1e-5)
+
+
+@pytest.mark.parametrize("goal", [(4.0, 9.0), (4.0, 0.1)])
+def test_exported_path_must_be_free(run, room, tmp_path, goal):
+    """Ends outside the map and in a wall."""
+    Path(np.array([(1.0, 1.0), goal])).save(tmp_path / "mine.csv")
+    line = "export", room, "--to", "path", "--path", tmp_path / "mine.csv"
+    message = check_refusal(run(*line, "-o", tmp_path / "out.csv"))
+    assert "path mine has no length, or leaves the map's free space" in message
+    assert not (tmp_path / "out.csv").exists()
 
 
 def square(x, y, size=0.6):
