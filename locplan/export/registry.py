@@ -54,8 +54,8 @@ class ExportJob:
 
     costs: Costmap
     """The costmap, with its map."""
-    field: CovarianceField
-    """The covariance field of the map."""
+    field: CovarianceField | None
+    """The covariance field of the map; None if a path is only copied."""
     paths: Mapping[str, Route] = dataclasses.field(default_factory=dict)
     """The paths by name."""
     robot: Robot | None = None

@@ -628,6 +628,19 @@ def test_export_writes_every_format(run, room, tmp_path, to, name, small_field):
     )
 
 
+def test_copied_path_needs_no_field(run, room, tmp_path, monkeypatch):
+    def fail(*_):
+        raise AssertionError("a field was computed")
+
+    monkeypatch.setattr("locplan.app.cli.groups.FieldOptions.compute", fail)
+    Path(np.array([(1.0, 1.0), (4.0, 1.0)])).save(tmp_path / "mine.csv")
+    line = "export", room, "--to", "path", "--path", tmp_path / "mine.csv"
+    code, out, err = run(*line, "-o", tmp_path / "copy.csv")
+    assert code == 0, err
+    assert "field" not in out
+    assert Path.load(tmp_path / "copy.csv").xy.tolist() == [[1, 1], [4, 1]]
+
+
 def test_yaml_path_lies_on_nav2_map(run, room, tmp_path):
     """Nav2 ignores the yaw of a map. The CSV file stays in locplan's frame."""
     grid = load_map(room)

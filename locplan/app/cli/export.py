@@ -169,20 +169,23 @@ def export(
     format.check(format_options, n_paths)
     target = output.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
     format.check_target(target, force=output.force)
-    job = make_job(field.compute(grid, config, threads))
+    is_copy = to == "path" and bool(path)  # needs no field, which may take a minute
+    job = make_job(None if is_copy else field.compute(grid, config, threads))
     with show_spinner(f"writing {target.name}"):
         summary = format.export(
             target, dataclasses.replace(job, force=output.force), format_options
         )
     values = {"map": grid.name, "to": to, "target": str(target), **summary.values}
-    rows = [("map", grid.name), ("format", to), ("field", config.estimator.title)]
+    rows = [("map", grid.name), ("format", to)]
+    if not is_copy:
+        rows.append(("field", config.estimator.title))
     if job.costs.zones:
         rows.append(("zones", str(job.costs.zones)))
     output.show(values, format_table([], [*rows, *job.advice_rows, *summary.rows]), target)
 
 
-MakeJob = Callable[["CovarianceField"], "ExportJob"]
-"""Function that returns the objects to export for a field."""
+MakeJob = Callable[["CovarianceField | None"], "ExportJob"]
+"""Function that returns the objects to export for a field; without one, to copy a path."""
 
 
 def _make_options_job(
@@ -201,8 +204,11 @@ def _make_options_job(
     paths, zones = read_paths(path_files), load_zones(zones_file, grid)
     on_map, config = field.resolve(robot.load())
 
-    def make_job(computed: CovarianceField) -> ExportJob:
-        costs = locplan.Costmap.from_field(computed, robot=on_map, weight=weight, zones=zones)
+    def make_job(computed: CovarianceField | None) -> ExportJob:
+        if computed is None:
+            costs = locplan.Costmap.blank(grid, robot=on_map, zones=zones)
+        else:
+            costs = locplan.Costmap.from_field(computed, robot=on_map, weight=weight, zones=zones)
         if start and goal:
             paths["aware"] = _plan_path(costs, start, goal)
         return registry.ExportJob(costs, computed, paths, robot=on_map)
@@ -227,7 +233,8 @@ def _make_recommendation_job(
         )
     paths, first = read_paths(path_files), next(iter(recommendations.values()))
 
-    def make_job(computed: CovarianceField) -> ExportJob:
+    def make_job(computed: CovarianceField | None) -> ExportJob:
+        assert computed is not None
         if takes_several:
             return registry.ExportJob.from_recommendations(recommendations, computed, paths)
         return registry.ExportJob.from_recommendation(first, computed)
