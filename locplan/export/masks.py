@@ -16,6 +16,7 @@ from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.tables import nan_to_none
 from locplan.errors import ConfigError
 from locplan.export.registry import ExportSummary
+from locplan.export.values import world_to_unrotated_map
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.costmap import Costmap
@@ -300,6 +301,29 @@ class MaskConversion:
     """Centre of the widest saturated place with room for a follower [m]; None without one."""
     closed_gaps: tuple[tuple[float, float, float], ...] = ()
     """Gaps that the mask closes: position and distance from walls [m]."""
+
+    def drop_yaw(self, grid: OccupancyGrid) -> MaskConversion:
+        """Return the conversion with its places on the map without its yaw, as Nav2 has them.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map of the costmap.
+        """
+
+        def move(x: float, y: float) -> tuple[float, float]:
+            x, y = world_to_unrotated_map(grid, np.array([[x, y]]))[0].tolist()
+            return x, y
+
+        place = self.most_saturated_place
+        return dataclasses.replace(
+            self,
+            paths=tuple(
+                dataclasses.replace(path, narrowest=move(*path.narrowest)) for path in self.paths
+            ),
+            most_saturated_place=move(*place) if place else None,
+            closed_gaps=tuple((*move(x, y), clearance) for x, y, clearance in self.closed_gaps),
+        )
 
     def summarize(self) -> ExportSummary:
         """Return the accuracy as plain data for JSON, and as table rows for people."""

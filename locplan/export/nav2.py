@@ -124,7 +124,7 @@ def nav2_keepout(
     Returns
     -------
     MaskConversion
-        The accuracy of the mask.
+        The accuracy of the mask; its positions ignore the map's yaw, like the mask.
 
     Raises
     ------
@@ -163,6 +163,8 @@ def nav2_keepout(
         robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
     compared = compare_nav2_paths(costs, values, conversion, paths, layer)
     conversion = dataclasses.replace(conversion, paths=tuple(compared))
+    if costs.grid.origin[2]:
+        conversion = conversion.drop_yaw(costs.grid)
     title = f"Localizability mask for {conversion.planner.plugin} ({planner_name})"
     metadata: dict[str, Any] = {
         "planner_id": planner_name,

@@ -15,7 +15,7 @@ from locplan.export import nav2_keepout, planned_paths as planned
 from locplan.export.masks import CostmapInflation, compute_keepout_mask, compute_mask_density
 from locplan.field import FieldConfig, Scan
 from locplan.maps import FREE, OccupancyGrid, environments
-from locplan.planning import Costmap, path_metrics
+from locplan.planning import Costmap, Path, path_metrics
 from locplan.robots import Lidar, Robot, read_parameters
 from locplan.robots.parts import Inflation
 
@@ -130,6 +130,29 @@ def export_keepout(folder, costs, params=PARAMS, **settings):
         conversion = nav2_keepout(folder / "mask", costs, **settings)
     texts = [str(each.message) for each in caught]
     return conversion, texts, (folder / "mask" / "README.md").read_text()
+
+
+def test_mask_places_ignore_map_yaw(tmp_path, corridors):
+    """They are on Nav2's map, like the mask, also in warnings."""
+    ours = plan(corridors, (2, 3), (38, 3)).path
+    turned = dataclasses.replace(corridors.grid, origin=(*corridors.grid.origin[:2], 0.4))
+    xy = np.column_stack(turned.grid_to_world(*corridors.grid.world_to_grid(*ours.xy.T)))
+    (tmp_path / "turned").mkdir()
+    settings = {"planner_param": 1.0}  # saturates
+    straight, _, _ = export_keepout(tmp_path, corridors, paths={"aware": ours}, **settings)
+    conversion, texts, readme = export_keepout(
+        tmp_path / "turned",
+        dataclasses.replace(corridors, grid=turned),
+        paths={"aware": Path(xy)},
+        **settings,
+    )
+    np.testing.assert_allclose(conversion.closed_gaps, straight.closed_gaps, atol=1e-6)
+    place = conversion.most_saturated_place
+    np.testing.assert_allclose(place, straight.most_saturated_place, atol=1e-6)
+    x, y = conversion.paths[0].narrowest
+    np.testing.assert_allclose((x, y), straight.paths[0].narrowest, atol=1e-6)
+    assert any(f"from walls at ({x:.2f}, {y:.2f}); path followers" in text for text in texts)
+    assert "most of them around ({:.2f}, {:.2f})".format(*place) in readme
 
 
 def test_masked_path_keeps_room_for_follower(tmp_path, corridors):
