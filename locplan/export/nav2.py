@@ -7,6 +7,7 @@ keepout_filter.cpp, speed_filter.cpp and the documentation of their servers.
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,6 +62,10 @@ from locplan.robots.parameters import GLOBAL_COSTMAP, Nav2Parameters
 
 if TYPE_CHECKING:
     from locplan.simulation.recommendation import Recommendation
+
+
+class MaskWarning(UserWarning):
+    """A warning that a mask has little effect."""
 
 
 def nav2_keepout(
@@ -134,6 +139,9 @@ def nav2_keepout(
     robot, paths, recommendation = Nav2Robot.from_files(params, distro, tree), paths or {}, None
     if not isinstance(costs, Costmap):
         recommendation, costs = costs, costs.costmap()
+        if recommendation.best == 0 and not costs.zones:
+            text = "the recommended path is the shortest, so the mask only charges cells near walls"
+            warnings.warn(MaskWarning(text), stacklevel=2)
         paths = {
             candidate.name: candidate.path
             for candidate in [recommendation.recommended_candidate]

@@ -120,6 +120,18 @@ def test_keepout_mask_matches_recommended_path(tmp_path, recommendation):
     assert not (tmp_path / "m-routes").exists()
 
 
+def test_export_warns_about_useless_mask(run, tmp_path, recommendation):
+    """The mask of the shortest path makes no detour cheaper."""
+    save_map(recommendation.costs.grid, tmp_path / "lab.yaml")
+    message = "the recommended path is the shortest, so the mask only charges cells near walls"
+    for name, is_useless in (("shortest", True), ("around", False)):
+        recommend_candidate(recommendation, name).save(tmp_path / name)
+        line = "--to", "nav2-keepout", "--choice", tmp_path / name, "-o", tmp_path / f"{name}-mask"
+        code, _, err = run("export", tmp_path / "lab.yaml", *line)
+        assert code == 0
+        assert (message in err) == is_useless
+
+
 def test_export_adds_graph_if_planner_deviates(tmp_path, recommendation):
     choice = recommend_candidate(recommendation, "around")
     conversion, warning_texts = export_keepout(tmp_path / "m", choice, planner_param=0.01)
