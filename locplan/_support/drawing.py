@@ -132,6 +132,11 @@ class NotebookFigure(Figure):
         """
         engine, cut = self.get_layout_engine(), {"format": "png", "bbox_inches": "tight"}
         if engine is None or any(options.get(name) != value for name, value in cut.items()):
+            if engine is not None and not options.get("bbox_inches"):
+                # One layout leaves the title of a map with a colour bar above the picture's edge.
+                with _ignore_missing_glyphs():
+                    self._show_texts_as_they_are()
+                    engine.execute(self)
             super().savefig(fname, **options)
             return
         # matplotlib draws it all to find its size, and throws that away.

@@ -21,6 +21,7 @@ from locplan._support.drawing import (
 from locplan.field import FieldConfig
 from locplan.field.figures import field_figure
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, figures as _cells
+from locplan.maps.environments import make
 from locplan.maps.figures import AxesImage, draw_cells, draw_map, map_figure
 from locplan.planning import Costmap
 from locplan.planning.figures import costmap_figure
@@ -49,6 +50,15 @@ def rendered(figure):
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())
+
+
+def test_saved_figure_contains_its_title():
+    grid = make("two_corridors", resolution=0.1)
+    costs = Costmap.from_layers(grid, u=np.where(grid.free, 0.5, np.nan), weight=4.0, robot=0.25)
+    figure = costmap_figure(costs)
+    figure.savefig(io.BytesIO())
+    top = figure.axes[0].title.get_window_extent(FigureCanvasAgg(figure).get_renderer()).y1
+    assert top < figure.bbox.y1
 
 
 def test_notebook_figure_equals_matplotlib_figure(field):
