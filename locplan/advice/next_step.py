@@ -54,9 +54,10 @@ def choose_next_action(
         return NextAction(_describe_no_action(check), "", {})
     map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
     repeat_command = get_command_line() or ["locplan", "check", map_file]
+    save_words = ["-o", str(folder or "report")]
     if check.recommended and folder is None:
         titles = " and ".join(fix.title for fix in check.recommended_fixes)
-        command = shlex.join([*repeat_command, "-o", "report"])
+        command = shlex.join([*repeat_command, *save_words])
         return NextAction(
             f"write the files for {titles}:", command, check.describe_fix_files(params)
         )
@@ -66,8 +67,8 @@ def choose_next_action(
         then = ", then check again" if "locplan check" in commands else ""
         return NextAction(f"{doing}{then}:", commands, check.describe_fix_files(params))
     if check.passage:
-        return NextAction(*_advise_footprint_correction(check, repeat_command), {})
-    return NextAction(*_advise_without_better_fix(check, repeat_command, map_file), {})
+        return NextAction(*_advise_footprint_correction(check, repeat_command, save_words), {})
+    return NextAction(*_advise_without_better_fix(check, repeat_command, save_words, map_file), {})
 
 
 def describe_remaining_failures(check: Check) -> str:
@@ -123,28 +124,31 @@ def _list_instructions(check: Check, folder: Folder, params: Params) -> list[str
     return [*dict.fromkeys(texts[fix.kind] for fix in check.recommended_fixes)]
 
 
-def _advise_footprint_correction(check: Check, repeat_command: list[str]) -> tuple[str, str]:
+def _advise_footprint_correction(
+    check: Check, repeat_command: list[str], save_words: list[str]
+) -> tuple[str, str]:
     """Return instruction and command if drives fail even with perfect localization."""
     passage, robot = check.passage, check.scenario.robot
     widen = "widen the passage, or " if passage and passage.is_narrow else ""
     if robot.outline is not None:
         sentence = f"{widen}correct the outline in the robot's file, then check again:"
-        return sentence, shlex.join(repeat_command)
+        return sentence, shlex.join([*repeat_command, *save_words])
     command = [word for word in repeat_command if not word.startswith("--set=footprint=")]
     return (
         f"{widen}correct the robot's radius (now {robot.footprint:g} m), then check again:",
-        shlex.join([*command, f"--set=footprint={robot.footprint:g}"]),
+        shlex.join([*command, f"--set=footprint={robot.footprint:g}", *save_words]),
     )
 
 
 def _advise_without_better_fix(
-    check: Check, repeat_command: list[str], map_file: str
+    check: Check, repeat_command: list[str], save_words: list[str], map_file: str
 ) -> tuple[str, str]:
     """Return instruction and command if no fix is better."""
     if check.effort == "quick":
+        command = [word for word in repeat_command if word != "--effort=quick"]
         return (
             "no fix helps so far. Try other paths and poles with three times as many drives:",
-            shlex.join([word for word in repeat_command if word != "--effort=quick"]),
+            shlex.join([*command, *save_words]),
         )
     if check.recording_sentences:
         drive = [

@@ -327,7 +327,7 @@ def test_narrow_passage_gets_footprint_advice(tmp_path):
     text = " ".join(report.report(tmp_path).split())
     assert "m wide, the robot 0.40 m" in text
     assert "widen the passage, or correct the robot's radius (now 0.2 m)" in text
-    assert text.endswith("--set=footprint=0.2")
+    assert text.endswith(f"--set=footprint=0.2 -o {tmp_path}")
     wider = check(walls_with_gap(20), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
     assert (wider.passage, wider.baseline.reached.value) == (None, 1.0)
 
@@ -376,6 +376,7 @@ def test_next_action_is_always_possible(solid):
     assert usual.report().splitlines()[-1].startswith("  ros2 bag record ")
     quick = dataclasses.replace(usual, effort="quick")
     assert quick.report().splitlines()[-1].startswith("  locplan check ")
+    assert quick.report().splitlines()[-1].endswith(" -o report")
     driven = dataclasses.replace(usual, recording_sentences=("drive 1: The map fits",))
     assert driven.report().splitlines()[-1].startswith("  locplan recording ")
     for report in (usual, quick, driven):  # the page of the explorer shows the sentence alone

@@ -61,7 +61,7 @@ def test_recording_finds_ground_truth_on_map(run, files, grid, drive):
     assert f"wrote {files / 'monday'}: 1 more file" in out
     assert out.splitlines()[-1] == (
         f"  locplan check {files / 'room.yaml'} --recording={files / 'monday' / 'drive.npz'}"
-        f" --robot={files / 'robot.yaml'}"
+        f" --robot={files / 'robot.yaml'} -o report"
     )
     names = {"drive.npz", "recording.json", "recording.png", "poses.csv", "poses.tum", "robot.yaml"}
     assert {file.name for file in (files / "monday").iterdir()} == {*names, "run.yaml"}

@@ -1023,21 +1023,8 @@ def next_commands(out):
     return [shlex.split(line) for line in lines[at + 1 :]]
 
 
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize(
-    ("verdict", "output", "command", "option"),
-    [
-        ("tune", False, "tune", "tuned"),
-        ("better", False, "plan", "planned"),
-        ("better", True, "export", "nav2-keepout"),
-        ("undecided", False, "plan", "--drives=128"),
-        ("lost", False, "check", "--set=range=3"),
-    ],
-)
-def test_plan_prints_next_command(
-    run, box, tmp_path, monkeypatch, better, verdict, output, command, option
-):
-    """An edited recommendation with each verdict replaces the simulated one."""
+def edit_for_next_step(better, verdict):
+    """Return a recommendation whose next step is to tune, plan, export or check."""
     driven = better.shortest.driven
     driven = dataclasses.replace(driven, lost=driven.lost & False)
     same = [dataclasses.replace(each, driven=driven) for each in better.candidates]
@@ -1047,8 +1034,26 @@ def test_plan_prints_next_command(
     )
     word = "undecided" if verdict == "undecided" else "better"
     recommendation = with_verdict(recommendation, word, LESS, drives=64)
-    if verdict == "lost":
-        recommendation = with_arrivals(recommendation, 8, 8)
+    return with_arrivals(recommendation, 8, 8) if verdict == "lost" else recommendation
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("verdict", "output", "command", "option"),
+    [
+        ("tune", False, "tune", "tuned"),
+        ("better", False, "plan", "planned"),
+        ("better", True, "export", "nav2-keepout"),
+        ("undecided", False, "plan", "--drives=128"),
+        ("lost", False, "check", "--set=range=3"),
+        ("lost", False, "check", "report"),
+    ],
+)
+def test_plan_prints_next_command(
+    run, box, tmp_path, monkeypatch, better, verdict, output, command, option
+):
+    """An edited recommendation with each verdict replaces the simulated one."""
+    recommendation = edit_for_next_step(better, verdict)
     monkeypatch.setattr("locplan.recommend_path", lambda *_, **__: recommendation)
     folder = ("-o", tmp_path / "out") * output
     Robot(Lidar()).save(tmp_path / "robot.yaml")
@@ -1060,14 +1065,30 @@ def test_plan_prints_next_command(
     assert first[:2] == ["locplan", command]
     assert option in first
     assert f"--robot={tmp_path / 'robot.yaml'}" in first
-    assert [words[-1] for words in more] == ["--robot=tuned/nav2_params.yaml"] * (verdict == "tune")
+    last = ["--robot=tuned/nav2_params.yaml", "-o", "planned"]
+    assert [words[-3:] for words in more] == [last] * (verdict == "tune")
+
+
+def test_next_command_replaces_tuned_file(run, box, tmp_path, monkeypatch, better):
+    """The tuned file is a copy of the Nav2 file. Robot files stay."""
+    recommendation = edit_for_next_step(better, "tune")
+    monkeypatch.setattr("locplan.recommend_path", lambda *_, **__: recommendation)
+    nav2, body = tmp_path / "nav2.yaml", tmp_path / "robot.yaml"
+    nav2.write_text("amcl: {ros__parameters: {alpha1: 0.1}}\n")
+    Robot(Lidar()).save(body)
+    code, out, _ = run("plan", box, *ENDS, "--robot", nav2, "--robot", body)
+    assert code == 0
+    tune, plan_again = next_commands(out)
+    assert {f"--robot={nav2}", f"--robot={body}"} <= {*tune}
+    robots = [word for word in plan_again if word.startswith("--robot=")]
+    assert robots == [f"--robot={body}", "--robot=tuned/nav2_params.yaml"]
 
 
 def test_plan_suggests_lidar_option_if_missing(run, box):
     code, out, _ = run("plan", box, *ENDS, "--stride", "0.5")
     assert code == 0
     assert out.startswith("Untested: ")
-    assert next_commands(out)[0][-1] == "--lidar=turtlebot4"
+    assert next_commands(out)[0][-3:] == ["--lidar=turtlebot4", "-o", "planned"]
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -202,7 +202,7 @@ def plan(
     if output.json:
         return
     print_zones(zones, polygons)
-    if step := _suggest_next_step(recommendation, str(map_file), output):
+    if step := _suggest_next_step(recommendation, str(map_file), robot, output):
         print(f"\nNext: {step[0]}", *step[1:], sep="\n  ")
 
 
@@ -227,34 +227,42 @@ def _parse_planners(
 
 
 def _suggest_next_step(
-    recommendation: locplan.Recommendation, map_file: str, output: OutputOptions
+    recommendation: locplan.Recommendation,
+    map_file: str,
+    robot: RobotOptions,
+    output: OutputOptions,
 ) -> tuple[str, ...]:
     """Return the next step and its commands; empty if nothing is left to do."""
     words, map_word = get_command_line(), format_argument(map_file)
     recommended = recommendation.recommended_candidate
     robot_words = [word for word in words if word.partition("=")[0] in ROBOT_OPTIONS]
+    save_words = ["-o", str(output.output or "planned")]
     if recommended is None:
         info_command = shlex.join(["locplan", "info", map_word])
         return "list the rooms and the faults of the map:", info_command
     if recommendation.judgement is None:
-        simulate = shlex.join([*words, "--lidar=turtlebot4"])
+        simulate = shlex.join([*words, "--lidar=turtlebot4", *save_words])
         has_lidar = recommendation.robot.lidar is not None
         return () if has_lidar else ("simulate the paths with your lidar, for example:", simulate)
     if recommendation.is_tuning_first:
         tune = shlex.join(["locplan", "tune", map_word, *robot_words, "-o", "tuned"])
-        plan_again = shlex.join([*words, "--robot=tuned/nav2_params.yaml"])
+        # `tune` writes a copy of this file.
+        copied = f"--robot={robot.find_nav2_file('amcl')}"
+        other_words = [word for word in words if word != copied]
+        plan_again = shlex.join([*other_words, "--robot=tuned/nav2_params.yaml", *save_words])
         return "tune the filter, then plan with the tuned settings:", tune, plan_again
     statistics, arrivals = recommended.driven, recommended.arrivals
     is_lost = statistics is not None and statistics.lost_rate.value >= HALF
     if is_lost or (arrivals is not None and arrivals.arrival_rate.value <= HALF):
-        check = shlex.join(["locplan", "check", map_word, *robot_words])
+        check = shlex.join(["locplan", "check", map_word, *robot_words, "-o", "report"])
         return "find out why the robot fails, and which fix helps most:", check
     if recommendation.is_undecided:
         other_words = [word for word in words if word.partition("=")[0] != "--drives"]
         drives = min(2 * recommendation.settings.drives, MAX_DRIVES)
-        return "simulate more drives:", shlex.join([*other_words, f"--drives={drives}"])
+        more_drives = [*other_words, f"--drives={drives}", *save_words]
+        return "simulate more drives:", shlex.join(more_drives)
     if output.output is None:
-        save = shlex.join([*words, "-o", "planned"])
+        save = shlex.join([*words, *save_words])
         return "save the path, a picture and all candidates:", save
     if recommendation.best:
         export = ["--to", "nav2-keepout", f"--choice={output.output}", "-o", "mask"]

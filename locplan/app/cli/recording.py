@@ -133,5 +133,5 @@ def recording(
     if map_file and output.output and not output.json:
         name = output.output if output.output.suffix else output.output / "drive.npz"
         files = [f"--robot={file}" for file in robot.robot]
-        words = ["locplan", "check", str(map_file), f"--recording={name}", *files]
+        words = ["locplan", "check", str(map_file), f"--recording={name}", *files, "-o", "report"]
         print(f"\nNext: find the fix that helps the robot most:\n  {shlex.join(words)}")
