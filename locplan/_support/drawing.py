@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
@@ -160,7 +161,13 @@ class NotebookFigure(Figure):
             self.dpi = before
             self.set_layout_engine(engine)
 
-    def key(self, handles: Sequence[Artist], ncols: int = 1, at: str = "lower center") -> None:
+    def key(
+        self,
+        handles: Sequence[Artist],
+        ncols: int = 1,
+        at: str = "lower center",
+        caption: Sequence[str] = (),
+    ) -> None:
         """Draw a legend outside all Axes.
 
         Parameters
@@ -171,9 +178,12 @@ class NotebookFigure(Figure):
             Number of its columns.
         at : str, default "lower center"
             The side of the figure, as matplotlib names it.
+        caption : sequence of str, default ()
+            Lines above it, wrapped to the figure's width.
         """
         place: Any = f"outside {at}"
-        self.legend(handles=handles, loc=place, ncols=ncols, frameon=False)
+        title = self._wrap_lines(caption)
+        self.legend(handles=handles, loc=place, ncols=ncols, frameon=False, title=title)
 
     def title(self, *lines: str) -> None:
         """Draw a title, with lines wrapped to the figure's width.
@@ -183,10 +193,10 @@ class NotebookFigure(Figure):
         *lines : str
             Its lines.
         """
-        filled = (
-            part for title_line in lines for part in break_title(title_line, self.get_figwidth())
-        )
-        self.suptitle("\n".join(filled), fontsize="medium")
+        self.suptitle(self._wrap_lines(lines), fontsize="medium")
+
+    def _wrap_lines(self, lines: Sequence[str]) -> str:
+        return "\n".join(part for line in lines for part in break_title(line, self.get_figwidth()))
 
     def _show_texts_as_they_are(self) -> None:
         numbers = {id(text) for axis in self.findobj(Axis) for text in _find_tick_texts(axis)}
@@ -199,8 +209,12 @@ class NotebookFigure(Figure):
         return render_png(self)
 
 
+UNIT_SPACE = re.compile(r"(?<=\d) (?=(?:m|cm|s|deg|%)(?!\w))|(?<=%) (?=\[)|(?<=\d,) (?=-?\d+\])")
+"""Spaces before a unit, before an interval, and in an interval."""
+
+
 def break_title(text: str, width: float) -> list[str]:
-    """Wrap a text to lines of about equal length.
+    """Wrap a text to lines of about equal length; a number stays with its unit and its interval.
 
     Parameters
     ----------
@@ -210,13 +224,15 @@ def break_title(text: str, width: float) -> list[str]:
         Maximum width of a line [inch].
     """
     max_letters = int(11.5 * width)  # the number of letters that fit within an inch
+    text = UNIT_SPACE.sub("\u00a0", text)
     count = len(textwrap.wrap(text, max_letters, break_on_hyphens=False))
-    longest = max(map(len, text.split()), default=1)
+    longest = max(map(len, text.split(" ")), default=1)
     broken_titles = (
         textwrap.wrap(text, letters, break_on_hyphens=False)
         for letters in range(min(longest, max_letters), max_letters + 1)
     )
-    return next(lines for lines in broken_titles if len(lines) <= count)
+    lines = next(lines for lines in broken_titles if len(lines) <= count)
+    return [line.replace("\u00a0", " ") for line in lines]
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ from locplan._support.drawing import (
     break_title,
     label_with_plain_numbers,
     make_logarithmic,
+    make_white_outline,
 )
 from locplan._support.intervals import Interval, format_metres
 from locplan._support.kernels.arrays import Bools, Floats
@@ -134,8 +136,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
 PLACE_MARKS = {ENDS: "x", STOPS: "s", LEAVES: "."}
 """Marks of where closed-loop drives go wrong."""
 MARK_LABELS = {
-    ENDS: "a robot ends short of the goal",
-    STOPS: "a robot stops short of the goal",
+    ENDS: "end of a closed-loop drive that misses the goal",
+    STOPS: "standstill of 2 s or more in closed loop",
     LEAVES: f"a robot {LEAVES}",
 }
 """Their texts in the legend."""
@@ -169,7 +171,11 @@ def draw_places(
         if xy := [row[2:4] for row in rows if row[1] == place_kind]:
             # Below start and goal, which stay to be seen.
             style: dict[str, Any] = {"markersize": 6, "markeredgewidth": 1.5, "zorder": 3.5}
-            style |= {"mfc": "none", **(FAINT_MARK_STYLE if place_kind == LEAVES else {})}
+            if place_kind == LEAVES:
+                style |= {"mfc": "none", **FAINT_MARK_STYLE}
+            else:  # shows on a line of its colour
+                style |= {"mfc": "white", "path_effects": make_white_outline(3.5)}
+                style["zorder"] += 0.1 * (place_kind == ENDS)  # some drives end where they stand
             axes.plot(*np.array(xy).T, mark, color=colour, **style)
 
 
@@ -326,17 +332,22 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
     marks = make_place_legend_handles(
         (candidate.arrivals for candidate in recommendation.candidates), kinds=(ENDS, STOPS)
     )
+    name = recommendation.map["name"] or "map"
+    title, *rest = _split_answer(f"{name}: {recommendation.answer[0]}", width)
+    figure.title(title)
     figure.key(
         [*_make_legend_handles(recommendation), *reasons, *marks, *list_end_handles(), *zones],
         ncols=2,
-    )
-    name = recommendation.map["name"] or "map"
-    figure.title(
-        f"{name}: {recommendation.answer[0]}",
-        *recommendation.answer[1:],
-        recommendation.drives_text,
+        caption=[*rest, *recommendation.answer[1:], recommendation.drives_text],
     )
     return figure
+
+
+def _split_answer(answer: str, width: float) -> list[str]:
+    """Return an answer as the title, and its further sentences if it has more than two lines."""
+    if len(break_title(answer, width)) <= 2:
+        return [answer]
+    return re.split(r"(?<=\.) (?=[A-Z])", answer, maxsplit=1)
 
 
 WEAK_DEGENERACY = 0.5

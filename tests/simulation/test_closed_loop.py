@@ -17,8 +17,9 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, Zone, Zones
 from locplan.robots import Disturbances, Kinematics
 from locplan.simulation import Arrivals, ClosedLoopSettings, Simulator, drive_closed, simulate
-from locplan.simulation.arrivals import ClosedLoopDrive
+from locplan.simulation.arrivals import ENDS, STOPS, ClosedLoopDrive
 from locplan.simulation.driver import compute_route_key
+from locplan.simulation.figures import MARK_LABELS
 
 QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
 OUTLINE = Footprint([(0.35, 0.15), (0.35, -0.15), (-0.2, -0.15), (-0.2, 0.15)])
@@ -365,7 +366,7 @@ def test_simulate_reports_reached_goals(tmp_path):
     legend = [each.get_text() for each in result.figure().legends[0].get_texts()]
     assert "0 of 3 [0, 56 %] arrive (3 have no way)" in " ".join(legend[0].split())
     assert "3 of 3 [44, 100 %] arrive" in " ".join(legend[1].split())
-    assert {"a robot stops short of the goal", "a robot ends short of the goal"} <= set(legend)
+    assert {MARK_LABELS[STOPS], MARK_LABELS[ENDS]} <= set(legend)
     result.save(tmp_path / "out")
     with (tmp_path / "out" / "arrivals.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

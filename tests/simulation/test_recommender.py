@@ -711,7 +711,9 @@ def test_advice_names_better_filter_settings(corridors):
     assert advice.startswith("Tune the filter first: with AMCL's alpha1 0.02")
     assert recommendation.is_tuning_first
     assert recommendation.report().replace("\n", " ").startswith(f"{advice} Without tuning, take")
-    assert advice in recommendation.figure().get_suptitle().replace("\n", " ")
+    figure = recommendation.figure()
+    shown = f"{figure.get_suptitle()}\n{figure.legends[0].get_title().get_text()}"
+    assert advice in shown.replace("\n", " ")
     same = recommend(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=noisy)
     assert same.rival is None
 
@@ -1368,13 +1370,22 @@ def test_figure_marks_closed_loop_failures(better):
         rows = [row for each in every for row in each.places().rows]
         kinds = {MARK_LABELS[row[1]] for row in rows if row[1] != LEAVES}
         texts = [each.get_text() for each in recommendation.figure().legends[0].get_texts()]
-        assert {each for each in texts if each.startswith("a robot")} == kinds
+        assert {each for each in texts if each in MARK_LABELS.values()} == kinds
         marked = {
             line.get_marker()
             for line in recommendation.figure().axes[0].lines
             if len(line.get_xdata())
         }
         assert ("x" in marked) == any(each.n_reached < 16 for each in every)
+
+
+def test_failure_marks_show_on_their_path(better):
+    axes = with_arrivals(better, 14, 16).figure().axes[0]
+    marks = [line for line in axes.lines if line.get_marker() in ("x", "s")]
+    assert marks
+    for mark in marks:
+        assert mark.get_path_effects()
+        assert mark.get_markerfacecolor() == "white"
 
 
 def test_failure_marks_stay_within_figure(better):
@@ -1405,6 +1416,28 @@ def test_title_breaks_into_even_lines(width):
     assert " ".join(lines) == text.strip()
     assert max(map(len, lines)) <= 11.5 * width
     assert len(lines[-1]) >= 0.4 * len(lines[0])
+
+
+def test_title_keeps_numbers_with_units():
+    text = "take 'detour 5' (19.1 m): 2 % [-2, 6] less error than on the shortest path (17.4 m) "
+    for width in np.arange(1.5, 9.0, 0.25):
+        lines = break_title(text * 2, width)
+        assert " ".join(lines) == (text * 2).strip()
+        assert not [line for line in lines if re.match(r"m\b|%|\[|6\]", line)]
+
+
+def test_figure_title_has_two_lines(better):
+    """The rest of a long answer stands below the panels."""
+    name = "ground floor of the northern hall, with the doors closed, before the move"
+    about = {**better.about, "map": {**better.map, "name": name}}
+    choice = dataclasses.replace(with_arrivals(better, 16, 3), about=about)
+    figure = choice.figure()
+    title, caption = figure.get_suptitle(), figure.legends[0].get_title().get_text()
+    assert title.count("\n") <= 1
+    shown = f"{title} {caption}".replace("\n", " ")
+    assert shown == " ".join(
+        [f"{name}: {choice.answer[0]}", *choice.answer[1:], choice.drives_text]
+    )
 
 
 def test_length_handicaps_count_excess_in_full():
