@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import subprocess
@@ -19,6 +20,7 @@ from locplan.app.explorer.explorer import Explorer
 from locplan.app.explorer.scene import StartSettings
 from locplan.app.explorer.session import Session
 from locplan.app.explorer.state import describe_state
+from locplan.app.explorer.weak_spots import name_weak_spots
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Fisher, load_or_compute
 from locplan.maps import hollow_walls, load_map, save_map
@@ -82,6 +84,21 @@ def test_zones_keep_weak_spots_of_report(checked):
     plain, zoned = session_on(checked), session_on(checked, changes=(zone,))
     spots, others = (json.dumps(describe_state(each)["weak_spots"]) for each in (plain, zoned))
     assert spots == others
+
+
+def test_failure_place_keeps_its_text(checked):
+    """It has no size, even if drives fail within a degenerate place."""
+    session = session_on(checked)
+    report, spots = session.opening.report, name_weak_spots(session.scene)
+    assert spots
+    place = {
+        **report.facts["weak_spots"][0],
+        **{"x": spots[0].spot.x, "y": spots[0].spot.y, "length": 0.0, "width": 0.0},
+        **{"position_std": None, "heading_std": None, "missing": "drives are aborted"},
+    }
+    report = dataclasses.replace(report, facts={**report.facts, "weak_spots": [place]})
+    (named_spot,) = name_weak_spots(session.scene, report)
+    assert (named_spot.title, named_spot.reason) == ("Drives fail here", "Drives are aborted.")
 
 
 def test_page_starts_with_worst_route(checked, run, monkeypatch):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._support.kernels.arrays import Bools
-from locplan.advice.weak_spots import NO_HEADING, SCANS_FIT, WeakSpot, are_inside, find_weak_spots
+from locplan.advice.weak_spots import NO_HEADING, WeakSpot, are_inside, find_weak_spots
 from locplan.planning.costmap import Costmap
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _with_outline(facts: dict[str, Any], spots: Sequence[WeakSpot]) -> WeakSpot:
     }
     values |= {"routes": tuple(facts["routes"]), "outline": np.zeros((0, 2))}
     spot, spot_xy = WeakSpot(**values), np.array([[facts["x"], facts["y"]]])
-    if spot.missing == SCANS_FIT:
+    if math.isnan(spot.position_std):  # no scan is weak there, whatever surrounds it
         return spot
     around = next((other for other in spots if are_inside(other, spot_xy)[0]), spot)
     return dataclasses.replace(spot, outline=around.outline, holes=around.holes)
