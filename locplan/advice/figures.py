@@ -30,6 +30,8 @@ from locplan.advice.landmarks import EXPECTED_DEVIATION, PAYING_SHARE, Landmarks
 from locplan.advice.preset_choice import USER_SETTINGS
 from locplan.advice.weak_spots import sample_path
 from locplan.maps.figures import (
+    AxesLimits,
+    compute_axes_limits,
     compute_drawing_size,
     compute_figure_size,
     crop_map,
@@ -167,22 +169,32 @@ def place_labels(check: Check, size: float) -> list[MapLabel]:
         for far in (0.0, 1.05, 1.6, 2.2, 3.0, 4.0)
         for turn in np.radians(range(90, 450, 30))
     ]
+    limits = compute_axes_limits(crop_to_free(check.scenario.world))
+    # The marks of failures stay visible.
+    failures = [xy for route in check.routes for xy in (route.lost_at, route.stopped_at)]
+    marks = [MapLabel("mark", "", (x, y), (x, y)) for x, y in np.concatenate(failures).tolist()]
     labels: list[MapLabel] = []
-    marks: list[MapLabel] = []
     for kind, text, place in _list_labels(check):
-        # The mark of a failure stays visible.
-        is_mark = kind == "failure"
-        marks += [MapLabel("mark", "", place, place)] * is_mark
+        is_failure = kind == "failure"
+        positions = [(place[0] + dx, place[1] + dy) for dx, dy in around[12 * is_failure :]]
+        inner_positions = [at for at in positions if _is_label_inside(text, at, limits, size)]
         free = (
-            (place[0] + dx, place[1] + dy)
-            for dx, dy in around[12 * is_mark :]
-            if not any(
-                _do_labels_overlap(text, (place[0] + dx, place[1] + dy), other, size)
-                for other in (*labels, *marks)
-            )
+            at
+            for obstacles in ((*labels, *marks), labels)
+            for at in inner_positions
+            if not any(_do_labels_overlap(text, at, other, size) for other in obstacles)
         )
-        labels.append(MapLabel("spot" if is_mark else kind, text, place, next(free, place)))
+        labels.append(MapLabel("spot" if is_failure else kind, text, place, next(free, place)))
     return labels
+
+
+def _is_label_inside(text: str, at: tuple[float, float], limits: AxesLimits, size: float) -> bool:
+    """True if a label would lie within the Axes, and so cover no title."""
+    half_sizes = size * max(0.5, 0.2 * len(text)), 0.5 * size
+    return all(
+        low + half <= value <= high - half
+        for value, half, (low, high) in zip(at, half_sizes, limits, strict=True)
+    )
 
 
 def _do_labels_overlap(text: str, at: tuple[float, float], other: MapLabel, size: float) -> bool:
@@ -207,7 +219,10 @@ def _list_labels(check: Check) -> Iterator[tuple[str, str, tuple[float, float]]]
     yield from (("end", name, (x, y)) for name, (x, y) in ends.items() if name)
     failing = [route for route in check.routes if route.rates.has_failure]
     for route in failing[:N_NAMED]:
-        x, y = sample_path(route.path)[len(sample_path(route.path)) // 2].tolist()
+        points = sample_path(route.path)
+        failures = route.lost_at if route.rates.is_mostly_lost else route.stopped_at
+        middle = np.median(failures, axis=0) if len(failures) else points[len(points) // 2]
+        x, y = points[np.linalg.norm(points - middle, axis=1).argmin()].tolist()
         yield "route", failure_text(route), (x, y)
 
 
@@ -309,7 +324,8 @@ def caption_text(check: Check) -> str:
         (True, "orange: routes on which drives fail" if fails else "no route fails"),
         (lost, "x: a drive gets lost"),
         (stopped, "square: a drive stops before the goal"),
-        (bool(check.spots), "letters: weak spots (shaded)"),
+        (any(spot.letter for spot in check.spots), "letters: weak spots"),
+        (any(spot.rings for spot in check.spots), "shaded: few features"),
         (True, "framed: ends of routes"),
     ]
     parts = [text for is_drawn, text in explained if is_drawn]
