@@ -184,7 +184,9 @@ class FixTrials:
                 self._n_closed[name] = max(self._failing, self._n_closed[name])
         arrivals = self._drive_closed(self.scenario, self._n_closed)
         steps[1](n_drives, n_drives)
-        spots, failures = attribute_failures(spots, paths, [*outcome.lost_at], arrivals)
+        spots, failures = attribute_failures(
+            spots, paths, [*outcome.lost_at], arrivals, self.scenario.world
+        )
         rates = compute_drive_rates(outcome, arrivals)
         routes = [
             RouteResult(name, path, _compute_route_rates(outcome, n, name, arrivals), *failures[n])

@@ -14,7 +14,7 @@ import numpy as np
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.advice.weak_spots import SCANS_FIT, WeakSpot, are_inside, group_positions, sample_path
 from locplan.maps.grid import OccupancyGrid
-from locplan.maps.occupancy import OCCUPIED
+from locplan.maps.occupancy import OCCUPIED, UNKNOWN
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import (
@@ -45,6 +45,7 @@ def attribute_failures(
     paths: Mapping[str, Path],
     loss_distances: Sequence[Floats],
     arrivals: Mapping[str, Arrivals],
+    grid: OccupancyGrid,
 ) -> tuple[tuple[WeakSpot, ...], list[RouteFailures]]:
     """Find the places where drives fail, the worst first.
 
@@ -61,6 +62,8 @@ def attribute_failures(
         Distance along each route where each drive got lost [m]; NaN if it did not.
     arrivals : mapping of str to Arrivals
         Closed-loop drives along each route; empty if none were simulated.
+    grid : OccupancyGrid
+        The map. Unknown cells stop no drive.
 
     Returns
     -------
@@ -91,12 +94,12 @@ def attribute_failures(
     ):
         if len(members) >= 2:
             stop_owner[members] = len(places)
-            kinds = {stops[n].outcome for n in members}
-            stopping = STOP_TEXTS[kinds.pop()] if len(kinds) == 1 else "stop instead of at the goal"
+            stopping = _describe_stops([stops[n].outcome for n in members])
+            row, col = np.floor(grid.world_to_grid(*at)).astype(int)
+            if not (grid.contains(row, col) and grid.cells[row, col] != UNKNOWN):
+                stopping += ", outside the mapped area"
             passing = tuple(dict.fromkeys(stops[n].route for n in members))
-            places.append(
-                _make_spot_without_area(at, f"drives {stopping}", passing, stopped=len(members))
-            )
+            places.append(_make_spot_without_area(at, stopping, passing, stopped=len(members)))
     order = sorted(range(len(places)), key=lambda n: places[n].severity, reverse=True)
     letters = dict(zip(order, LETTERS, strict=False))
     failures = []
@@ -119,7 +122,7 @@ class RouteFailures(NamedTuple):
     stopped_near: str
     """Letters of the places where a quarter of its stopped drives or more stop."""
     stopped_at: Floats
-    """Positions where closed-loop drives stop instead of at the goal, (n, 2) [m]."""
+    """Positions where closed-loop drives stop before the goal, (n, 2) [m]."""
 
 
 class _DriveStop(NamedTuple):
@@ -138,6 +141,15 @@ def _collect_stops(arrivals: Mapping[str, Arrivals]) -> list[_DriveStop]:
         for drive in drives.drives
         if drive.outcome != ARRIVED and drive.fault != WORLD_FAULT
     ]
+
+
+def _describe_stops(outcomes: Sequence[str]) -> str:
+    """Return how drives fail at a place, by their outcomes or faults."""
+    (main, count), *others = Counter(outcomes).most_common()
+    if not others:
+        return f"drives {STOP_TEXTS[main]}"
+    most = f", most {STOP_TEXTS[main]}" if 2 * count > len(outcomes) else ""
+    return f"drives stop before the goal{most}"
 
 
 def _make_spot_without_area(

@@ -238,7 +238,7 @@ def check_report(check: Check, folder: Folder | None = None, *related_results: A
         blocks = [
             first,
             wrap_lines([*findings, *notes[:n_notes], *passage]),
-            wrap_lines([*map(spot_text, spots)] or ["No weak spot"]),
+            wrap_lines(_list_spot_sentences(check, spots)),
             [
                 *wrap_lines([_describe_drives(check.baseline)] if detail == 2 else []),
                 *_format_route_table(check, n_routes, explained),
@@ -263,6 +263,15 @@ def _select_spots(check: Check, n_spots: int, n_routes: int) -> list[WeakSpot]:
         for n, spot in enumerate(check.spots)
         if n < n_spots or (spot.letter and spot.letter in near)
     ]
+
+
+def _list_spot_sentences(check: Check, spots: Sequence[WeakSpot]) -> list[str]:
+    """Return the sentences on some weak spots; the last one also names the other letters."""
+    others = [spot.letter for spot in check.spots if spot.letter and spot not in spots]
+    sentences = [*map(spot_text, spots)] or ["No weak spot"]
+    if others:
+        sentences[-1] += f". Also drawn: {', '.join(others)}"
+    return sentences
 
 
 def settings_sentences(check: Check, detail: int = 2) -> tuple[str, ...]:

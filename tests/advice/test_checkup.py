@@ -16,11 +16,15 @@ from support.small_drive import FILE
 
 import locplan
 from locplan import check, save_map
+from locplan.advice.failures import attribute_failures
+from locplan.advice.figures import caption_text
 from locplan.advice.limits import CheckLimit
 from locplan.advice.next_step import choose_next_action
 from locplan.advice.rates import rank_fixes
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
+from locplan.advice.text import spot_text
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 from locplan.robots.presets import UPDATES
+from locplan.simulation.arrivals import Arrivals, ClosedLoopDrive
 from locplan.simulation.drives import LOST_DISTANCE
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -288,6 +292,14 @@ def test_report_is_short_and_names_fixes(
     assert "repaired map" in solid.report()
 
 
+def test_report_names_letters_of_picture(fine, solid):
+    spots = [dataclasses.replace(solid.spots[0], letter=letter) for letter in "ABCDEF"]
+    text = dataclasses.replace(fine, spots=tuple(spots)).report()
+    explained = re.findall(r"Weak spot ([A-F]) at \(", text)
+    drawn = re.search(r"Also drawn: ([A-F, ]+)", text)[1].split(", ")
+    assert explained + drawn == [*"ABCDEF"]
+
+
 def test_check_reports_closed_loop_failures(solid):
     failing = [route for route in solid.routes if route.rates.reached.value < 1]
     assert failing
@@ -368,6 +380,62 @@ def test_figure_labels_do_not_overlap(solid):
     size = 0.05 * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
     for n, one in enumerate(at):
         assert (np.abs(at[n + 1 :] - one).max(axis=1) >= size).all()
+
+
+def test_figure_labels_stay_within_axes(solid):
+    """A label above the Axes would cover the title."""
+    rows, cols = np.nonzero(solid.scenario.world.free)
+    x, y = solid.scenario.world.position(int(rows.max()), int(cols[rows.argmax()]))
+    spots = [dataclasses.replace(spot, x=x, y=y, stopped=2) for spot in solid.spots[:1]]
+    axes = dataclasses.replace(solid, spots=tuple(spots)).figure().axes[0]
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    for text in axes.texts:
+        at_x, at_y = text.get_position()
+        assert left < at_x < right
+        assert low < at_y < high
+
+
+def test_figure_caption_explains_drawn_marks(solid):
+    areas = [spot for spot in solid.spots if spot.rings]
+    places = [spot for spot in solid.spots if not spot.rings]
+    assert areas
+    assert places
+    for spots, words in ((areas, {"letters", "shaded"}), (places, {"letters"}), ([], set())):
+        spots = tuple(dataclasses.replace(spot, letter="A") for spot in spots)
+        caption = caption_text(dataclasses.replace(solid, spots=spots))
+        assert {word for word in ("letters", "shaded") if f"{word}: " in caption} == words
+
+
+def attribute_stops(outcomes, place):
+    """Return the text of the place where drives with these outcomes end."""
+    grid = furnished_room()
+    cells = grid.cells.copy()
+    cells[:10] = UNKNOWN
+    grid = dataclasses.replace(grid, cells=cells)
+    drives = tuple(ClosedLoopDrive(outcome, 1.0, place, place) for outcome in outcomes)
+    paths = {"a to b": locplan.Path([(2.0, 2.0), (6.0, 2.0)])}
+    arrivals = {"a to b": Arrivals(drives)}
+    (spot,), _ = attribute_failures([], paths, [np.array([])], arrivals, grid)
+    return spot_text(spot).partition(": ")[2]
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "text"),
+    [
+        (["aborted"] * 2, "2 drives are aborted"),
+        (["elsewhere"] + ["aborted"] * 2, "3 drives stop before the goal, most are aborted"),
+        (["elsewhere", "aborted"], "2 drives stop before the goal"),
+    ],
+)
+def test_stop_text_names_main_ending(outcomes, text):
+    assert attribute_stops(outcomes, (3.0, 3.0, 0.0)) == text
+
+
+@pytest.mark.parametrize("place", [(3.0, 0.2, 0.0), (-3.0, 3.0, 0.0)])
+def test_stop_text_names_unknown_space(place):
+    """Unknown cells stop no drive."""
+    text = attribute_stops(["aborted"] * 2, place)
+    assert text == "2 drives are aborted, outside the mapped area"
 
 
 def test_next_action_is_always_possible(solid):
