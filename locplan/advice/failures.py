@@ -122,7 +122,7 @@ class RouteFailures(NamedTuple):
     stopped_near: str
     """Letters of the places where a quarter of its stopped drives or more stop."""
     stopped_at: Floats
-    """Positions where closed-loop drives stop before the goal, (n, 2) [m]."""
+    """Positions where closed-loop drives miss the goal, (n, 2) [m]."""
 
 
 class _DriveStop(NamedTuple):
@@ -149,7 +149,7 @@ def _describe_stops(outcomes: Sequence[str]) -> str:
     if not others:
         return f"drives {STOP_TEXTS[main]}"
     most = f", most {STOP_TEXTS[main]}" if 2 * count > len(outcomes) else ""
-    return f"drives stop before the goal{most}"
+    return f"drives miss the goal{most}"
 
 
 def _make_spot_without_area(

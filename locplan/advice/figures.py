@@ -323,7 +323,7 @@ def caption_text(check: Check) -> str:
     explained = [
         (True, "orange: routes on which drives fail" if fails else "no route fails"),
         (lost, "x: a drive gets lost"),
-        (stopped, "square: a drive stops before the goal"),
+        (stopped, "square: a drive misses the goal"),
         (any(spot.letter for spot in check.spots), "letters: weak spots"),
         (any(spot.rings for spot in check.spots), "shaded: few features"),
         (True, "framed: ends of routes"),

@@ -104,7 +104,7 @@ class RouteResult:
     lost_at: Floats = field(compare=False)
     """Positions where open-loop drives got lost, (n, 2) [m]."""
     stopped_near: str = ""
-    """Letters of the places where closed-loop drives stop before the goal."""
+    """Letters of the places where closed-loop drives miss the goal."""
     stopped_at: Floats = field(default_factory=lambda: np.empty((0, 2)), compare=False)
     """Positions where closed-loop drives end that do not reach the goal, (n, 2) [m]."""
 

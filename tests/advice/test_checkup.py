@@ -423,8 +423,8 @@ def attribute_stops(outcomes, place):
     ("outcomes", "text"),
     [
         (["aborted"] * 2, "2 drives are aborted"),
-        (["elsewhere"] + ["aborted"] * 2, "3 drives stop before the goal, most are aborted"),
-        (["elsewhere", "aborted"], "2 drives stop before the goal"),
+        (["elsewhere"] + ["aborted"] * 2, "3 drives miss the goal, most are aborted"),
+        (["elsewhere", "aborted"], "2 drives miss the goal"),
     ],
 )
 def test_stop_text_names_main_ending(outcomes, text):
