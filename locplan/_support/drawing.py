@@ -226,7 +226,7 @@ def break_title(text: str, width: float) -> list[str]:
     max_letters = int(11.5 * width)  # the number of letters that fit within an inch
     text = UNIT_SPACE.sub("\u00a0", text)
     count = len(textwrap.wrap(text, max_letters, break_on_hyphens=False))
-    longest = max(map(len, text.split(" ")), default=1)
+    longest = max(1, *map(len, text.split(" ")))
     broken_titles = (
         textwrap.wrap(text, letters, break_on_hyphens=False)
         for letters in range(min(longest, max_letters), max_letters + 1)
