@@ -10,7 +10,7 @@ from pathlib import Path as File
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from locplan._support.checks import short_repr
-from locplan._support.intervals import Interval, choose_digits
+from locplan._support.intervals import MIN_SAMPLES, Interval, choose_digits
 from locplan._support.output import ResultFiles
 from locplan._support.records import Result, Table, TableColumn
 from locplan._support.saved import StoredResult
@@ -201,7 +201,10 @@ def format_answer(decision: PathDecision) -> str:
         template = UNTESTED_SHORTEST if recommended is shortest else UNTESTED
         return template.format_map(values)
     values["n"] = len(judgement.drives)
-    values["change"] = format_error_change(judgement.ratio, decision.settings.minimise)
+    ratio = judgement.ratio
+    if len(judgement.drives) < MIN_SAMPLES:
+        ratio = Interval(ratio.value, math.nan, math.nan)
+    values["change"] = format_error_change(ratio, decision.settings.minimise)
     if leader.driven and shortest.driven:
         values["lost"] = int(leader.driven.lost.sum())
         values["shortest_lost"] = int(shortest.driven.lost.sum())

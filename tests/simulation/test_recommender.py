@@ -620,6 +620,16 @@ def test_recommendation_sentence_follows_verdict(better, verdict, ratio, more, s
     assert recommendation.is_undecided == ("undecided" in sentence and not recommendation.best)
 
 
+def test_few_drives_have_no_interval(better):
+    """Two drives gave 75 % [-451527571, 100]."""
+    recommendation = with_verdict(better, "undecided", (0.9, 1e-9, 4e6))
+    drives = dataclasses.replace(recommendation.judgement, drives=range(2))
+    recommendation = dataclasses.replace(recommendation, judgement=drives)
+    assert recommendation.sentence.endswith(
+        "undecided after 2 drives: 10 % less localization error."
+    )
+
+
 def test_recommendation_sentence_without_leader(better):
     judgement = dataclasses.replace(better.judgement, leader=0)
     recommendation = with_lengths(dataclasses.replace(better, judgement=judgement), 27.9)
