@@ -718,11 +718,10 @@ def front_figure(front: ParetoFront) -> Figure:
     low, high = front.length[[0, -1]]
     targets = np.linspace(low, high, 12)  # more lines hide each other
     indices = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
-    knee = front.knee
-    for index, width, effects in [
-        *((index, 1.6, []) for index in indices),
-        (knee, 3.0, make_white_outline()),
-    ]:
+    lines: list[tuple[int, float, list[Any]]] = [(index, 1.6, []) for index in indices]
+    if front.knee is not None:
+        lines.append((front.knee, 3.0, make_white_outline()))
+    for index, width, effects in lines:
         path = front.plan(index).path
         assert path is not None
         color = ERROR_COLOURS(norm(front.integral[index]))
@@ -740,12 +739,12 @@ def front_figure(front: ParetoFront) -> Figure:
     image = lower.scatter(
         front.length, front.integral, s=14, c=front.integral, cmap=ERROR_COLOURS, norm=norm
     )
-    length, integral = front.length[knee], front.integral[knee]
-    name = "knee" if knee or len(front) == 1 else "no knee: shortest path"
-    knee_text = f"{name}, bold above: {length:.1f} m long, {integral:.3g} {unit}"
-    _draw_marker(lower, (length, integral), "D", size=9, zorder=2, label=knee_text)
+    if front.knee is not None:
+        length, integral = front.length[front.knee], front.integral[front.knee]
+        knee_text = f"knee, bold above: {length:.1f} m long, {integral:.3g} {unit}"
+        _draw_marker(lower, (length, integral), "D", size=9, zorder=2, label=knee_text)
+        lower.legend(loc="upper right", frameon=False)
     lower.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")
-    lower.legend(loc="upper right", frameon=False)
     figure.colorbar(image, ax=[upper, lower], label=f"{label} [{unit}]", shrink=0.6)
     return figure
 
@@ -754,7 +753,9 @@ def _format_front_answer(front: ParetoFront) -> str:
     """Return the gain of the knee, or else of the longest path, over the shortest one as text."""
     if len(front) == 1:
         return "no path is less degenerate than the shortest one"
-    name, index = ("the knee", front.knee) if front.knee else ("no knee, the longest path", -1)
+    name, index = "the knee", front.knee
+    if index is None:
+        name, index = "no knee, the longest path", -1
     longer = front.length[index] - front.length[0]
     avoided = 1.0 - front.integral[index] / front.integral[0]
     return f"{name} is {longer:.1f} m longer and {avoided:.0%} less degenerate"

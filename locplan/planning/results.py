@@ -173,8 +173,8 @@ POINT = TableColumn("length", "m", "length"), TableColumn("integral", title="int
 class ParetoFront(Result, StoredResult):
     """Grid paths by rising length and falling integral, so that none is better in both.
 
-    `save` writes front.npz, which `load` reads, and front.json, front.csv, a picture and the path
-    at the knee.
+    `save` writes front.npz, which `load` reads, and front.json, front.csv, a picture and, if there
+    is a knee, the path at it.
     """
 
     kind: ClassVar[str] = "front"
@@ -217,9 +217,10 @@ class ParetoFront(Result, StoredResult):
         if not len(self):
             return "ParetoFront(no path joins start and goal)"
         exact = "exact" if self.epsilon == 0 else f"within {self.epsilon:.2%}"
+        knee = "no knee" if self.knee is None else f"knee at {self.length[self.knee]:.2f} m"
         return (
             f"ParetoFront({len(self)} paths of {self.length[0]:.2f} to {self.length[-1]:.2f} m,"
-            f" {exact}, knee at {self.length[self.knee]:.2f} m)"
+            f" {exact}, {knee})"
         )
 
     @property
@@ -237,21 +238,25 @@ class ParetoFront(Result, StoredResult):
             return "solved"
         return "timeout" if math.isinf(self.epsilon) else "unreachable"
 
-    def plan(self, index: int) -> Plan:
+    def plan(self, index: int | None) -> Plan:
         """Return one of the paths as a plan, with its metrics.
 
         Parameters
         ----------
-        index : int
+        index : int or None
             Index of the path, 0 for the shortest; -1 for the longest, as in a list. `knee` is the
             index of a good compromise.
 
         Raises
         ------
         ConfigError
-            If there is no such path.
+            If there is no such path, or None is the `knee` of a front without one.
         """
         self._check_paths()
+        if index is None:
+            raise ConfigError(
+                "the front has no knee; plan(0) is the shortest path, plan(-1) the longest"
+            )
         if not -len(self) <= index < len(self):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
         path = make_path_through_centres(self.costs, self.cells[index], self.start, self.goal)
@@ -289,10 +294,11 @@ class ParetoFront(Result, StoredResult):
         lengths = np.linspace(self.length[0], self.length[-1], 12)
         indices = np.abs(self.length[:, None] - lengths).argmin(axis=0)
         rows = []
-        for index in sorted({*map(int, indices), self.knee}):
+        knees = set() if self.knee is None else {self.knee}
+        for index in sorted({*map(int, indices)} | knees):
             longer = self.length[index] / self.length[0] - 1
             texts = [str(index), f"{self.length[index]:.2f} m", f"+{longer:.1%}"]
-            knee = "knee" if index == self.knee > 0 else ""
+            knee = "knee" if index in knees else ""
             rows.append([*texts, f"{format_rounded_up(self.integral[index])} {unit}", knee])
         precision = "exact" if self.epsilon == 0 else f"within {self.epsilon:.2%} of every path"
         count = f"{len(self)} path{'' if len(self) == 1 else 's'}"
@@ -303,8 +309,8 @@ class ParetoFront(Result, StoredResult):
 
     @property
     def _explain_missing_knee(self) -> str:
-        """The sentence on a front whose knee is the shortest path; empty if it bends elsewhere."""
-        if self.knee or len(self) < 2:
+        """The sentence on a front of several paths without a knee; empty for any other."""
+        if self.knee is not None or len(self) < 2:
             return ""
         longer = self.length[-1] / self.length[0] - 1
         unit = "degenerate metres" if self.objective == "u" else f"{self.costs.e_unit} m"
@@ -318,19 +324,19 @@ class ParetoFront(Result, StoredResult):
         # All digits: a budget that is copied from here must not lie below the path's integral.
         points = np.column_stack([self.length, self.integral])
         write_csv(folder / "front.csv", points, ",".join(self.table().names), "%s")
-        if len(self):
+        if len(self) and self.knee is not None:
             path = self.plan(self.knee).path
             assert path is not None
             path.save(folder / "knee.csv")
 
     @property
-    def knee(self) -> int:
-        """Index of the path that lies farthest below the chord between the front's ends.
+    def knee(self) -> int | None:
+        """Index of the path that lies farthest below the chord between the front's ends, or None.
 
         Lengths and integrals count as shares of their range on the front: this is the knee of
-        Das (1999), which depends on the front's shape alone, not on how much there is to save. On a
-        front that nowhere bends below its chord, such as one of two paths, it is the shortest path.
-        An empty front has no knee: that is a ConfigError.
+        Das (1999), which depends on the front's shape alone, not on how much there is to save. It
+        is None on a front that nowhere bends below its chord, such as one of two paths. On an empty
+        front it is a ConfigError.
 
         References
         ----------
@@ -342,12 +348,12 @@ class ParetoFront(Result, StoredResult):
         self._check_paths()
         spans = self.length[-1] - self.length[0], self.integral[0] - self.integral[-1]
         if not min(spans) > 0:
-            return 0
+            return None
         longer = (self.length - self.length[0]) / spans[0]
         saved = (self.integral[0] - self.integral) / spans[1]
         below = saved - longer
         # The first of those that rounding alone sets apart.
-        return int(np.argmax(below > below.max() - 1e-9))
+        return int(np.argmax(below > below.max() - 1e-9)) or None
 
     def _check_paths(self) -> None:
         """Raise a ConfigError if there is no path."""

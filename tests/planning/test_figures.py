@@ -77,13 +77,16 @@ def test_unknown_picture_formats_are_refused(field, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_front_figure_shows_paths_and_knee():
+def compute_room_front():
     grid = OccupancyGrid(np.full((40, 60), FREE), 0.1, name="room")
     u = np.tile(np.linspace(1, 0, 40)[:, None], (1, 60))
     costs = dataclasses.replace(Costmap.blank(grid, robot=0.0), u=u, e=u + 0.1, weight=1.0)
-    front = pareto_front(costs, (0.55, 0.55), (5.55, 0.55))
-    figure = front_figure(front)
-    upper, lower = figure.axes[:2]
+    return pareto_front(costs, (0.55, 0.55), (5.55, 0.55))
+
+
+def test_front_figure_shows_paths_and_knee():
+    front = compute_room_front()
+    upper, lower = front_figure(front).axes[:2]
     assert "exact" in upper.get_title()
     assert f"of {len(front)} paths" in upper.get_title()
     assert lower.get_xlabel() == "length [m]"
@@ -91,6 +94,16 @@ def test_front_figure_shows_paths_and_knee():
     assert "knee" in lower.get_legend().get_texts()[0].get_text()
     longer = front.length[front.knee] - front.length[0]
     assert upper.get_title().startswith(f"room: the knee is {longer:.1f} m longer and ")
+
+
+def test_front_figure_without_knee_marks_none():
+    front = compute_room_front()
+    count = len(front)
+    falling = np.arange(count, 0.0, -1)
+    front = dataclasses.replace(front, length=falling[::-1], integral=falling)
+    upper, lower = front_figure(front).axes[:2]
+    assert lower.get_legend() is None
+    assert max(line.get_linewidth() for line in upper.lines) < 3.0
 
 
 def test_plan_figure_title_has_gain(field):

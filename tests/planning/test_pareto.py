@@ -1,6 +1,7 @@
 """Pareto fronts and budgets."""
 
 import dataclasses
+import json
 
 import cv2
 import numpy as np
@@ -205,15 +206,15 @@ def front_from_points(length, integral) -> ParetoFront:
         ([20, 21, 22, 24, 27], [9, 4, 1, 0.5, 0], 2),  # an elbow before an integral of 0
         ([20, 22, 50], [9, 3, 0], 1),  # 0 at 2.5 times the length
         ([20, 20.5, 30, 40], [9, 8.5, 0.5, 0], 2),  # an elbow on a longer path
-        ([20, 21, 22, 23, 24], [8, 6, 4, 2, 0], 0),  # a straight line
-        ([0.1, 0.2, 0.3, 0.6, 0.7], [0.7, 0.6, 0.5, 0.2, 0.1], 0),  # straight but for rounding
-        ([20, 22, 24, 26], [9, 8, 5, 0], 0),  # concave
+        ([20, 21, 22, 23, 24], [8, 6, 4, 2, 0], None),  # a straight line
+        ([0.1, 0.2, 0.3, 0.6, 0.7], [0.7, 0.6, 0.5, 0.2, 0.1], None),  # straight but for rounding
+        ([20, 22, 24, 26], [9, 8, 5, 0], None),  # concave
         ([20, 21, 25, 26, 27], [9, 5, 4.5, 4.2, 0], 1),  # convex, then concave
-        ([20, 30], [9, 0], 0),
-        ([20, 30], [9, 8], 0),
-        ([20], [9], 0),
-        ([20], [0], 0),
-        ([0], [0], 0),
+        ([20, 30], [9, 0], None),
+        ([20, 30], [9, 8], None),
+        ([20], [9], None),
+        ([20], [0], None),
+        ([0], [0], None),
     ],
 )
 def test_knee_lies_at_bend_of_front(length, integral, knee):
@@ -230,6 +231,16 @@ def test_front_without_knee_names_trade():
     text = front_from_points([20, 30], [9, 4]).report()
     assert text.endswith("or +50% length with 4 instead of 9 degenerate metres.")
     assert "No knee" not in front_from_points([20, 20.1, 26, 33], [10, 1, 0.9, 0.8]).report()
+
+
+def test_front_without_knee_saves_none(tmp_path):
+    """Users would follow the shortest path as the best balance."""
+    front = front_from_points([20, 23, 26.2], [9, 8, 0])
+    front.save(tmp_path)
+    assert not (tmp_path / "knee.csv").exists()
+    assert json.loads((tmp_path / "front.json").read_text())["knee"] is None
+    with pytest.raises(ConfigError, match="no knee"):
+        front.plan(front.knee)
 
 
 @pytest.mark.parametrize("angle", [10, 45, 80])
