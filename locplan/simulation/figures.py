@@ -456,8 +456,8 @@ def _make_legend_handles(recommendation: Recommendation) -> list[Line2D]:
     for candidate in highlighted:
         rank = _rank_candidate(recommendation, candidate)
         name = f"{candidate.name} path" if candidate is recommendation.shortest else candidate.name
-        recommended = "recommended" if recommendation.judgement else "untested"
-        role = f"{recommended}: " if candidate is recommendation.recommended_candidate else ""
+        is_recommended = candidate is recommendation.recommended_candidate
+        role = f"{recommendation.role}: " if is_recommended else ""
         label = f"{role}{name}, {_format_key_figures(candidate)}"
         line = Line2D([], [], color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank], label=label)
         handles.append(line)

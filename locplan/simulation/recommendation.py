@@ -113,6 +113,9 @@ KEEP_TIME_UP = (
     " undecided: {change}."
 )
 
+LEAST_BAD = "The least bad path is"
+"""Replaces *Take* if no closed-loop drive reaches the goal."""
+
 REACHED = "In closed loop, the robot reaches the goal in {count} of {n} drives."
 REACHED_BOTH = (
     "In closed loop, the robot reaches the goal in {count} of {n} drives, on the {other_path} in"
@@ -182,6 +185,13 @@ class PathDecision:
             self.candidates[self.judgement.leader] if self.judgement else self.recommended_candidate
         )
 
+    @property
+    def never_reaches_goal(self) -> bool:
+        """True if no closed-loop drive along the recommended path reaches the goal."""
+        recommended = self.recommended_candidate
+        arrivals = recommended.arrivals if recommended else None
+        return arrivals is not None and arrivals.n_reached == 0
+
 
 def format_answer(decision: PathDecision) -> str:
     """Return which path to take, in one sentence or two."""
@@ -208,7 +218,10 @@ def format_answer(decision: PathDecision) -> str:
     if leader.driven and shortest.driven:
         values["lost"] = int(leader.driven.lost.sum())
         values["shortest_lost"] = int(shortest.driven.lost.sum())
-    return _choose_verdict_template(decision).format_map(values)
+    template = _choose_verdict_template(decision)
+    if decision.never_reaches_goal:
+        template = template.replace("Take", LEAST_BAD, 1)
+    return template.format_map(values)
 
 
 def _choose_verdict_template(decision: PathDecision) -> str:
@@ -668,6 +681,15 @@ class Recommendation(Result, StoredResult):
     def is_tuning_first(self) -> bool:
         """True if tuned settings of the filter gain more than any path."""
         return compare_tuned_settings(self._decision) is not None
+
+    @property
+    def role(self) -> str:
+        """What the recommended path is, in a word or three."""
+        if self.judgement is None:
+            return "untested"
+        if self.is_tuning_first:
+            return "best without tuning"
+        return "least bad" if self._decision.never_reaches_goal else "recommended"
 
     @property
     def is_undecided(self) -> bool:

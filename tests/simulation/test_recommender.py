@@ -620,6 +620,18 @@ def test_recommendation_sentence_follows_verdict(better, verdict, ratio, more, s
     assert recommendation.is_undecided == ("undecided" in sentence and not recommendation.best)
 
 
+def test_path_without_arrivals_is_least_bad(better):
+    """No robot should take a path on which it never reached the goal."""
+    recommendation = with_arrivals(with_verdict(better, "better", LESS), 0, 0)
+    name = repr(recommendation.leader.name)
+    assert recommendation.sentence.startswith(
+        f"The least bad path is {name} (37.3 m): 50 % [40, 60] less"
+    )
+    assert recommendation.role == "least bad"
+    kept = with_arrivals(with_verdict(better, "worse", MORE), 0, 0)
+    assert kept.sentence.startswith("The least bad path is the shortest path (27.9 m). Path")
+
+
 def test_few_drives_have_no_interval(better):
     """Two drives gave 75 % [-451527571, 100]."""
     recommendation = with_verdict(better, "undecided", (0.9, 1e-9, 4e6))
@@ -755,6 +767,7 @@ def test_tuning_comes_first_if_better(better, gain, lost, is_first):
     settings = dataclasses.replace(better.settings, rival=RecommendationSettings().rival)
     recommendation = dataclasses.replace(better, settings=settings, rival=rival)
     assert recommendation.is_tuning_first == is_first
+    assert recommendation.role == ("best without tuning" if is_first else "recommended")
     assert recommendation.answer[0].startswith(
         "Tune the filter first" if is_first else "Take 'detour 1'"
     )
