@@ -242,9 +242,9 @@ def _parse_spec(text: str) -> PlannerSpec:
     planners_by_name = PLANNERS | {
         "simulated choice": PlannerEntry(RecommendingPlanner, "simulated error")
     }
+    if name:
+        name = normalize_planner_name(name, planners_by_name)
     try:
-        if name:
-            name = normalize_planner_name(name, planners_by_name)
         if name in (*list_planner_names(), "") or budget is not None:
             planner = make_planner(name, options, max_e=max_e, budget=budget)
         else:

@@ -511,7 +511,7 @@ def test_run_comparison_rejects_wrong_input(tmp_path):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("gird", "planner must be one of"),
+        ("gird", "^planner must be one of"),
         ("grid:time_limit=2", "has no option 'time_limit'"),
         ("BITstar:time_limit", "must be NAME=VALUE"),
         ("BITstar:time_limit=soon", "must be a positive number of seconds"),
