@@ -92,9 +92,7 @@ def check_drive_count(drives: int, *, allows_none: bool = False) -> None:
         If the number is out of its range.
     """
     if drives or not allows_none:
-        check_integer(
-            "drives (0 leaves them out)" if allows_none else "drives", drives, 2, MAX_DRIVES
-        )
+        check_integer("drives, unless 0," if allows_none else "drives", drives, 2, MAX_DRIVES)
 
 
 class RateProperties:

@@ -132,7 +132,7 @@ class RecommendationSettings(Settings):
         for name in ("front", "bold", "thorough"):
             check_instance(name, getattr(self, name), bool, "give true or false")
         if self.drives != 0:
-            check_integer("drives (0 drives no path)", self.drives, 2, LOOKS[-1])
+            check_integer("drives, unless 0,", self.drives, 2, LOOKS[-1])
         for name in ("max_e", "time_limit"):
             if getattr(self, name) is not None:
                 check_positive(name, getattr(self, name))

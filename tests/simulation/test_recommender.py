@@ -923,7 +923,7 @@ def test_car_paths_within_budget_stay_untested(grid, field_costs):
         ({"longest": 0.9}, ConfigError, "longest must be at least 1"),
         ({"price": -1.0}, ConfigError, "price must be at least 0"),
         ({"time_limit": -1}, ConfigError, "time_limit must be positive"),
-        ({"drives": 1}, ConfigError, "must be a whole number in 2..1024"),
+        ({"drives": 1}, ConfigError, "drives, unless 0, must be a whole number in 2..1024"),
         ({"bold": 1}, ConfigError, "bold must be a bool"),
         ({"minimise": "error"}, ConfigError, "minimise must be one of rmse, lost"),
         ({"candidates": {"wall": [START, GOAL]}}, LocplanError, "candidate wall: leaves the free"),
