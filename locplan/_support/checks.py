@@ -36,7 +36,12 @@ def check_number(name: str, value: object, low: float = -math.inf, high: float =
     limits = "a number"
     if math.isfinite(low):
         limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
-    raise ConfigError(f"{name} must be {limits}{_format_maximum(value)}, not {short_repr(value)}")
+        if not isinstance(value, Real):
+            limits = f"a number {'of' if high == math.inf else 'from'} {limits}"
+    raise ConfigError(
+        f"{name} must be {limits}{_format_maximum(value)}, not"
+        f" {short_repr(value)}{_format_quotes_remedy(value)}"
+    )
 
 
 def check_positive(name: str, value: object, unit: str = "") -> float:
@@ -47,10 +52,12 @@ def check_positive(name: str, value: object, unit: str = "") -> float:
     if is_number(value) and 1 / MAX_AMOUNT <= value <= MAX_AMOUNT:
         return float(value)
     requirement = f"a positive number of {unit}" if unit else "positive"
+    if not unit and not isinstance(value, Real):
+        requirement = "a positive number"
     minimum_text = f" of at least {1 / MAX_AMOUNT:g}" if is_number(value) and 0 < value < 1 else ""
     raise ConfigError(
         f"{name} must be {requirement}{minimum_text}{_format_maximum(value)}, not"
-        f" {short_repr(value)}"
+        f" {short_repr(value)}{_format_quotes_remedy(value)}"
     )
 
 
@@ -64,7 +71,10 @@ def check_integer(name: str, value: object, low: int = 1, high: float = math.inf
     if not is_integer(value) or not low <= value <= min(high, 2**63 - 1):
         limits = f"of at least {low}" if high == math.inf else f"in {low}..{high}"
         limits += " and below 2^63" if is_integer(value) and value >= 2**63 else ""
-        raise ConfigError(f"{name} must be a whole number {limits}, not {short_repr(value)}")
+        raise ConfigError(
+            f"{name} must be a whole number {limits}, not"
+            f" {short_repr(value)}{_format_quotes_remedy(value)}"
+        )
     return int(value)
 
 
@@ -197,6 +207,14 @@ _SHORT = _ShortRepr()
 def _format_maximum(value: object) -> str:
     """Return the part of an error message on too large numbers."""
     return f" and at most {MAX_AMOUNT:g}" if is_number(value) and abs(value) > MAX_AMOUNT else ""
+
+
+def _format_quotes_remedy(value: object) -> str:
+    """Return the end of an error message on a number in quotes, as YAML files have them."""
+    try:
+        return "; remove the quotes" if isinstance(value, str) and is_number(float(value)) else ""
+    except ValueError:
+        return ""
 
 
 def checked_setting(default: object, *limits: Any) -> Any:

@@ -124,8 +124,9 @@ def check(
         grid, source = read_map(grid)
     check_grid(grid)
     checked_filter_map = check_filter_map(filter_map, grid)
+    equipped_robot = equip_robot(robot)  # refuses what is no robot
     assumed = robot is None or robot.lidar is None
-    robot = equip_robot(robot)
+    robot = equipped_robot
     stages = split_progress(progress, [*STAGE_SHARES.values()])
     steps = {
         name: scale_progress(part, size)

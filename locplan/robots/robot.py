@@ -18,6 +18,7 @@ from locplan._support.checks import (
     checked_setting,
     describe_changed_settings,
     format_suggestion,
+    is_number,
     set_frozen_fields,
     short_repr,
 )
@@ -296,7 +297,11 @@ def planning_radius(robot: Robot | float) -> float:
     ConfigError
         If it is neither.
     """
-    return robot.radius if isinstance(robot, Robot) else check_number("robot", robot, 0.0, 1e9)
+    if isinstance(robot, Robot):
+        return robot.radius
+    if not is_number(robot):
+        check_instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
+    return check_number("robot", robot, 0.0, 1e9)
 
 
 def format_radius(robot: Robot | None, radius: float) -> str:

@@ -514,6 +514,11 @@ def test_check_rejects_station_in_wall():
         check(furnished_room(), ROBOT, {"a": (1.0, 1.0), "b": (2.2, 2.7)}, effort="quick")
 
 
+def test_check_rejects_name_as_robot():
+    with pytest.raises(locplan.LocplanError, match="robot must be a Robot, not 'turtlebot4'"):
+        check(furnished_room(), "turtlebot4")
+
+
 def test_check_rejects_unknown_effort():
     with pytest.raises(locplan.LocplanError, match="quick, usual, thorough"):
         check(furnished_room(), ROBOT, effort="slow")

@@ -219,6 +219,11 @@ def test_find_cell_rejects_position_near_wall():
         costs.find_cell((1.5, 1.5), "goal")
 
 
+def test_costmap_rejects_robot_name():
+    with pytest.raises(ConfigError, match="robot must be a Robot, not 'turtlebot4'; such as"):
+        Costmap.blank(OccupancyGrid(np.full((3, 3), FREE), 0.1), robot="turtlebot4")
+
+
 def test_find_cell_rejects_full_map():
     costs = Costmap.from_density(ascii_map("##", "##"), np.ones((2, 2)))
     with pytest.raises(PoseError, match="no cell of the map is free"):

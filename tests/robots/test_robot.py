@@ -84,7 +84,7 @@ def test_title_names_lidar_and_changed_settings():
     [
         ({"lidar": 3}, "lidar must be a Lidar, not 3"),
         ({"lidar": "sonar"}, "lidar must be one of rplidar-a1"),
-        ({"footprint": "wide"}, "footprint must be at least 0, not 'wide'"),
+        ({"footprint": "wide"}, "footprint must be a number of at least 0, not 'wide'"),
         ({"footprint": -0.1}, "footprint must be at least 0"),
         ({"margin": -0.1}, "margin must be at least 0"),
         ({"goal_tolerance": math.nan}, "goal_tolerance must be at least 0"),
@@ -187,7 +187,7 @@ def test_settings_create_missing_robot_parts():
         ({"alpha1": -1}, "alpha1 must be at least 0"),
         ({"range": 8, "min_range": 9}, r"min_range \(9.0 m\) must be below range \(8.0 m\)"),
         ({"footprint": [[1, 1], [2, 1], [2, 2]]}, "footprint must be a polygon around"),
-        ({"footprint": "0.3m"}, "footprint must be at least 0, not '0.3m'"),
+        ({"footprint": "0.3m"}, "footprint must be a number of at least 0, not '0.3m'"),
         ({"drive": "car-like"}, "turning_radius must be above 0"),
     ],
 )

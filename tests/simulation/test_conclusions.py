@@ -224,7 +224,7 @@ def test_simulate_keeps_its_path_file(run, map_file, tmp_path):
         ((*ENDS, "--random", "3"), "name the paths with one of --path"),
         ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'; it has footprint,"),
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
-        ((*ENDS, "--set", "alpha1=often"), "alpha1 must be at least 0"),
+        ((*ENDS, "--set", "alpha1=often"), "alpha1 must be a number of at least 0"),
         ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
         ((*ENDS, "--lidar", "sonar"), "--lidar must be one of rplidar-a1"),
         ((*ENDS, "--robot", "none.yaml"), "none.yaml: there is no such file"),
