@@ -200,6 +200,7 @@ def test_bad_layers_are_refused(layers, message):
             (9, 0.5),
             "start 9,0.5 lies outside the map, which reaches from 0,0 to 4,2 m; the nearest",
         ),
+        ((0.5, 3.5), r"reaches from 0,0 to 4,2 m; did you swap x and y\? 3.5,0.5 is free;"),
         ((0.5, 1.5), "lies in a wall; the nearest"),
         ((1.5, 1.5), "lies in unknown space; the nearest"),
         ((math.nan, 0.0), "finite"),
