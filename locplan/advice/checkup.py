@@ -146,8 +146,10 @@ def check(
     for fault in drives.faults:
         if fault not in map_faults:
             LOG.info(f"map: {fault.sentence}")
+    map_faults = drives.faults
     if filter_map is not None:  # the filter does not read the map's file
         correction = replace(correction, reasons=(), is_certain=False)
+        map_faults = map_faults.without_repair_remedies()
     if drives.stretch != 1:
         correction = correction.with_scale(drives.stretch)
     scenario = Scenario(correction.grid, checked_filter_map, drives.robot, paths, drives.stretch)
@@ -166,7 +168,7 @@ def check(
     before, after, confirmed = trials.combine_fixes(results, steps["together"])
     return Check(
         grid=grid,
-        faults=drives.faults,
+        faults=map_faults,
         degenerate_share=float((costs.u[scenario.world.free] >= 0.5).mean()),
         spots=explain_spots(baseline.spots, drives.faults, results),
         routes=baseline.routes,

@@ -610,6 +610,14 @@ class MapFaults(Result):
         # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
         return hollow_walls(grid) if self.is_solid and "deep walls" not in kinds else grid
 
+    def without_repair_remedies(self) -> MapFaults:
+        """Return the faults without the advice to repair the map for the filter."""
+        repaired_kinds = {"solid walls", "painted unknown"}
+        faults = (
+            replace(fault, remedy="") if fault.kind in repaired_kinds else fault for fault in self
+        )
+        return replace(self, faults=tuple(faults))
+
     def check_is_no_mask(self) -> None:
         """Raise a ConfigError if the map is a mask for a costmap filter."""
         for fault in self:

@@ -115,9 +115,11 @@ def test_weak_spots_name_map_fault(solid):
 
 @pytest.mark.long
 def test_check_accepts_repaired_filter_map(solid, tmp_path):
-    """The repair is not recommended again."""
+    """The repair is not recommended again, nor advised."""
     filter_map = solid.fixed_scenario.filter_map
     report = check(blocks(), UNTUNED, AISLES, effort="quick", filter_map=filter_map)
+    assert "locplan repair" in " ".join(fault.sentence for fault in solid.faults)
+    assert "locplan repair" not in " ".join(fault.sentence for fault in report.faults)
     assert report.baseline.lost.high < solid.baseline.lost.low
     assert "map" not in [each.kind for each in report.fixes]
     solid.save(tmp_path / "own")
