@@ -124,8 +124,8 @@ def check(
         grid, source = read_map(grid)
     check_grid(grid)
     checked_filter_map = check_filter_map(filter_map, grid)
-    equipped_robot = equip_robot(robot)  # refuses what is no robot
-    assumed = robot is None or robot.lidar is None
+    equipped_robot = equip_robot(robot)  # raises for anything but a robot
+    is_lidar_assumed = robot is None or robot.lidar is None
     robot = equipped_robot
     stages = split_progress(progress, [*STAGE_SHARES.values()])
     steps = {
@@ -187,7 +187,7 @@ def check(
         source=source,
         correction=correction,
         artifacts={kind: trials.fixes_by_kind[kind].artifact for kind in trials.recommended_kinds},
-        is_lidar_assumed=assumed,
+        is_lidar_assumed=is_lidar_assumed,
         effort=effort,
         seed=seed,
     )

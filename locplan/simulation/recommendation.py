@@ -781,6 +781,12 @@ class Recommendation(Result, StoredResult):
         notes += [
             f"{candidate.name}: {candidate.note}" for candidate in self.candidates if candidate.note
         ]
+        limit = self.settings.longest
+        notes += [
+            f"{candidate.name}: may be longer than {limit:g} times the shortest path"
+            for candidate in self.candidates
+            if candidate.path.length > limit * self.candidates[0].path.length
+        ]
         names: dict[str, list[str]] = {}
         for name, reason in self.left_out.items():
             names.setdefault(reason, []).append(name)

@@ -632,6 +632,15 @@ def test_path_without_arrivals_is_least_bad(better):
     assert kept.sentence.startswith("The least bad path is the shortest path (27.9 m). Path")
 
 
+def test_report_names_overlong_candidate(better):
+    recommendation = with_lengths(better, 60.0, 90.1)
+    line = (
+        f"\n{recommendation.candidates[1].name}: may be longer than 1.5 times the shortest path\n"
+    )
+    assert line in f"{recommendation.report()}\n"
+    assert "may be longer" not in with_lengths(better, 60.0, 89.9).report()
+
+
 def test_few_drives_have_no_interval(better):
     """Two drives gave 75 % [-451527571, 100]."""
     recommendation = with_verdict(better, "undecided", (0.9, 1e-9, 4e6))

@@ -121,7 +121,7 @@ def plan(
     weight
         Detour that avoiding a degenerate metre is worth, in metres.
     longest
-        Maximum length, as a multiple of the shortest path. The path of --weight may be longer.
+        Maximum length, as a multiple of the shortest path.
     max_e
         Maximum e of a cell on the path, in m² rad.
     budget
