@@ -8,7 +8,7 @@ from PIL import Image
 from support import oracles
 from support.maps import ascii_map, blocks, random_rooms
 
-from locplan._support.kernels.particles import add_scores
+from locplan._support.kernels import particles
 from locplan._support.kernels.walls import count_deep_faces
 from locplan.maps import (
     FREE,
@@ -110,12 +110,13 @@ def test_solidity_is_measured_once_per_map():
 def test_solidity_scores_poses_in_c_order(monkeypatch):
     """Numba compiles `add_scores` again for each array order, which takes a second."""
     is_c_order = set()
+    add_scores = particles.add_scores
 
     def record_order(scores, ends, poses, count, sums):
         is_c_order.add(poses.flags.c_contiguous)
         add_scores(scores, ends, poses, count, sums)
 
-    monkeypatch.setattr("locplan._support.kernels.particles.add_scores", record_order)
+    monkeypatch.setattr(particles, "add_scores", record_order)
     measure_solidity(replace(blocks(), origin=(2.0, 0.0, 0.0)))  # a map that is not cached
     assert is_c_order == {True}
 
