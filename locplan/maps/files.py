@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import io
 import math
 import os
@@ -668,12 +669,15 @@ def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
     """
     map_files: list[Path] = []
     for path in (check_file_path("a map file", path) for path in paths):
-        files = sorted(path.rglob("*.y*ml")) if os.path.isdir(path) else [path]
+        files: list[Path] = []
         if os.path.isdir(path):
-            exported = {file.parent for file in path.rglob("export.json")} - {path}
-            files = [file for file in files if file.parent not in exported]
-            files = [file for file in files if _has_image_entry(file)] or [path]
-        map_files += files
+            files = sorted(
+                Path(folder, name)
+                for folder, _, names in os.walk(path)  # skips folders that vanish on the way
+                if Path(folder) == path or "export.json" not in names
+                for name in fnmatch.filter(names, "*.y*ml")
+            )
+        map_files += [file for file in files if _has_image_entry(file)] or [path]
     return list(dict.fromkeys(map_files))
 
 

@@ -26,6 +26,7 @@ from locplan.maps import (
     MapWarning,
     OccupancyGrid,
     files as pixels,
+    find_maps,
     load_map,
     save_map,
 )
@@ -493,6 +494,21 @@ def test_rejected_save_writes_no_file(tmp_path, name, options, phrase):
     assert str(caught.value).isprintable()
     assert str(tmp_path / name) in str(caught.value)
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_find_maps_skips_vanished_folder(tmp_path, monkeypatch):
+    """Another process may remove its temporary folder during the search."""
+    save_map(GRID, tmp_path / "room.yaml")
+    (tmp_path / "temporary").mkdir()
+    scan = os.scandir
+
+    def scan_after_removal(folder):
+        if Path(folder).name == "temporary":
+            Path(folder).rmdir()
+        return scan(folder)
+
+    monkeypatch.setattr(os, "scandir", scan_after_removal)
+    assert find_maps(tmp_path) == [tmp_path / "room.yaml"]
 
 
 @respects_permissions
