@@ -315,7 +315,7 @@ class TestErrors:
 
     @pytest.mark.parametrize("resolution", [0.0, -0.05, 1e-4, 0.5, math.nan, math.inf, "fine"])
     def test_make_rejects_resolution_out_of_range(self, resolution: float) -> None:
-        with pytest.raises(ConfigError, match=r"resolution must be 0\.01 to 0\.1"):
+        with pytest.raises(ConfigError, match=r"resolution must be .*0\.01 to 0\.1"):
             environments.make("hall", resolution=resolution)
 
     @pytest.mark.parametrize("fraction", [-0.1, 1.1, math.nan, None])
