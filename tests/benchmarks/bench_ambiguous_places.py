@@ -1,4 +1,7 @@
-"""Ambiguous places: a place of a map of 1000 x 1000 cells, and the shortlist beside NumPy's."""
+"""Time the search for ambiguous places, and compare its shortlist with NumPy.
+
+The map has 1000 x 1000 cells.
+"""
 
 from __future__ import annotations
 

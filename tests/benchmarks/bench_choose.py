@@ -1,4 +1,4 @@
-"""The simulated choice: seconds of one choice, and of `plan` with its verdict as a whole process.
+"""Time `recommend_path`, and the whole command `plan` with its simulation.
 
 Run: pytest tests/benchmarks/bench_choose.py --benchmark-only -s
 """

@@ -1,4 +1,4 @@
-"""What a comparison takes beyond its planners, for each run and in all.
+"""Time the overhead of a comparison, per run and in total.
 
 Run: pytest tests/benchmarks/bench_compare.py --benchmark-only -s
 """

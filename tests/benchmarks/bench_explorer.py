@@ -1,9 +1,9 @@
-"""The explorer in a real browser: from a move of the pointer to the painted path, and other waits.
+"""Time the explorer in a real browser, such as the delay from pointer to painted path.
 
 pytest tests/benchmarks/bench_explorer.py --benchmark-only -s
 
-The map is a hall of 1000 x 1000 cells, alone or 4 x 4 times with passages. Times are those that the
-page measures itself; the least time of a round says little here, the figures beside it count.
+The map is one hall of 1000 x 1000 cells, or 4 x 4 of them with passages. The page measures the
+times itself. Read the extra figures, not the least time of a round.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""How long exports of a 2000 x 2000 map take from a cached field, and how exact masks are.
+"""Time exports of a 2000 x 2000 map from a cached field, and measure the error of masks.
 
 Run: pytest tests/benchmarks/bench_export.py --benchmark-only -s
 """

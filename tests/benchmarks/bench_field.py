@@ -1,4 +1,4 @@
-"""How fast the field is, beside OpenCV and beside what the processor can do.
+"""Time the field, and compare it with OpenCV and with the processor's limits.
 
 Run: pytest tests/benchmarks/bench_field.py --benchmark-only -s
 """

@@ -1,4 +1,4 @@
-"""The first path on a map where a lidar is simulated: on a field near the paths, and on all of it.
+"""Time the first path with a lidar's estimator, on a field near the paths and on the whole field.
 
 pytest tests/benchmarks/bench_first_path.py --benchmark-only -s
 """

@@ -1,4 +1,4 @@
-"""Landmarks: what each of 2,000 places is worth, and the choice of ten of them."""
+"""Time the rating of 2,000 places for landmarks, and the choice of ten."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lattice planner beside scipy's Dijkstra over all of its states, on rooms with boxes.
+"""Compare the lattice planner with scipy's Dijkstra over all states, on rooms with boxes.
 
 pytest tests/benchmarks/bench_lattice.py --benchmark-only -s
 """

@@ -1,4 +1,4 @@
-"""Where on a map a scan was taken, beside the loss of every place at every turn.
+"""Compare `locate` with a plain search over all places and headings.
 
 pytest tests/benchmarks/bench_locate.py --benchmark-only -s
 """

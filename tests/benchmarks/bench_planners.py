@@ -1,4 +1,4 @@
-"""Grid planners beside scipy, scikit-image and each other, on rooms with a quarter blocked.
+"""Compare grid planners with scipy, scikit-image and each other, on rooms with a quarter blocked.
 
 pytest tests/benchmarks/bench_planners.py --benchmark-only -s
 """

@@ -1,4 +1,4 @@
-"""OMPL's planners on a costmap: how fast, how good after five seconds, and whether they leak.
+"""Measure OMPL's planners on a costmap: speed, cost after five seconds, and leaks.
 
 pytest tests/benchmarks/bench_sampling.py --benchmark-only -s
 """

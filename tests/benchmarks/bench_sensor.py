@@ -1,4 +1,4 @@
-"""Fields that know the sensor: ray casting beside peers, and milliseconds a cell.
+"""Compare ray casting with its peers, and time lidar estimators per cell.
 
 pytest tests/benchmarks/bench_sensor.py --benchmark-only -s
 """

@@ -1,4 +1,4 @@
-"""Simulated drives: how many a minute, and beside what NumPy does in whole arrays.
+"""Count simulated drives per minute, and compare the kernels with NumPy on whole arrays.
 
 Run: pytest tests/benchmarks/bench_simulation.py --benchmark-only -s
 """

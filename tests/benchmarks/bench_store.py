@@ -1,4 +1,4 @@
-"""The cache of fields: kills, opening, sizes, updates, and a second dask worker.
+"""Measure the cache of fields: killed runs, opening, sizes, updates, and a second dask worker.
 
 pytest tests/benchmarks/bench_store.py --benchmark-only -s
 """

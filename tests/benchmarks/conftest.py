@@ -1,4 +1,4 @@
-"""A yardstick beside each benchmark, by which those without a peer are compared between runs."""
+"""A yardstick in the same run, to compare benchmarks without a peer between runs."""
 
 import time
 

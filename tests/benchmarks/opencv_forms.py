@@ -1,4 +1,4 @@
-"""The SAD distribution at one cell by OpenCV, in the two fastest forms found.
+"""The SAD distribution at one cell by OpenCV, in its two fastest forms.
 
 Both give exactly `locplan.paper.template_matching.compute_sad_distribution`.
 """

@@ -1,8 +1,8 @@
-"""How often the rule of `recommend_path` finds a better path and how often it is wrong.
+"""Compute how often the rule of `recommend_path` finds a better path, and how often it errs.
 
-Errors are drawn, not driven: the logarithms of the paired ratios deviate by 0.35 on average, by
-more on some queries than on others, and paths have 0.36 of their variance in common. The critical
-values of the rule's looks are computed, too.
+Errors are random numbers, without drives: the logarithms of the paired ratios deviate by 0.35 on
+average, by more on some queries than on others, and paths have 0.36 of their variance in common.
+The program also computes the critical values of the rule's looks.
 
 Run: python tests/benchmarks/power_of_choices.py [CHOICES]
 """

@@ -1,18 +1,18 @@
-"""One table of all benchmarks: what, beside which peer, how near its limit, on which machine.
+"""Run all benchmarks, and write one table with peers, limits and the machine.
 
     python tests/benchmarks/table.py FOLDER [--compare LAST.json] [--worse 0.25] [-k planners]
 
-Every `bench_*.py` in this folder is run. What a benchmark leaves in `benchmark.extra_info` fills
-its rows:
+The program runs every `bench_*.py` of this folder. The entries of `benchmark.extra_info` fill the
+rows:
 
-- `ratio_to_PEER`: how many times the peer takes as long as ours, measured in the same run;
-- `share_of_LIMIT`: how near ours comes to what binds it, 1 at the limit;
-- `no_peer`: why there is nothing to compare, as where a time limit is given;
-- anything else is a figure that stands beside the seconds.
+- `ratio_to_PEER`: the peer's time divided by ours, in the same run;
+- `share_of_LIMIT`: our speed as a share of the limit's, at most 1;
+- `no_peer`: the reason why there is no peer, such as a time limit;
+- all others are figures next to the seconds.
 
-A benchmark that leaves none of the first three is measured by a yardstick, NumPy's sort of a
-million numbers before and after it. Ratios and shares are better when larger. `--compare` names
-each that fell by more than `--worse` (a share) since the last table, and ends with exit code 1.
+Without the first three, the yardstick is NumPy's sort of a million numbers before and after the
+benchmark. Larger ratios and shares are better. `--compare` names each that fell by more than
+`--worse` (a share) since the last table, and ends with exit code 1.
 """
 
 from __future__ import annotations
