@@ -1,8 +1,8 @@
-"""How well do fields rank the errors of a robot at places? On any maps.
+"""Measure how well fields rank a robot's errors at places, on any maps.
 
 On each map a filter drives 16 times to each of 100 random places, along shortest paths of 10 m from
-all around, and 16 single scans are matched there. The error of the filter is its RMSE over the last
-metre. Each field, and two baselines, are ranked by both kinds of errors.
+all directions. At each place, 16 single scans are matched. The filter's error is its RMSE over the
+last metre. The program ranks the fields and two baselines by both kinds of errors.
 
 Run: python examples/places.py [FOLDER [MAP.yaml ...]]
 
