@@ -6,7 +6,6 @@ import math
 import os
 import re
 import struct
-import time
 import tracemalloc
 import warnings
 import zlib
@@ -132,14 +131,12 @@ def test_raw_mode_ignores_negate(tmp_path):
         assert cells == [[F, F, U, U, X, X, U, U]]
 
 
-def test_many_blanks_barely_slow_load_map(tmp_path):
-    """A backtracking regular expression for PGM headers doubles the time with each blank."""
+def test_pgm_header_may_contain_many_blanks(tmp_path):
+    """A regular expression that backtracks doubles the time with each blank, and never ends."""
     write_yaml(tmp_path)
-    content = b"P5" + b" " * 26 + b"2 1 255\n" + bytes([0, 255])
+    content = b"P5" + b" " * 200 + b"2 1 255\n" + bytes([0, 255])
     (tmp_path / "map.pgm").write_bytes(content)
-    start = time.process_time()
     assert load_map(tmp_path / "map.yaml").cells.tolist() == [[X, F]]
-    assert time.process_time() - start < 2.0
 
 
 def test_raw_mode_requires_8_bits(tmp_path):

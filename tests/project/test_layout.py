@@ -66,6 +66,16 @@ def test_kernels_use_compiler_of_package():
         assert not names & {"jit", "njit"}, path
 
 
+def test_names_of_tests_are_short():
+    """Docstrings give reasons; a name has at most six words, eight with a condition."""
+    for path in Path(__file__).parents[1].rglob("test_*.py"):
+        for node in ast.walk(parse(path)):
+            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+                words = node.name.split("_")[1:]
+                assert len(words) <= (8 if "if" in words else 6), f"{path}: {node.name}"
+                assert not {"a", "an", "the"} & set(words), f"{path}: {node.name}"
+
+
 def test_only_command_line_prints():
     """The library logs instead, and its callers decide what is shown."""
     command_line = {PACKAGE / "__main__.py", *(PACKAGE / "app" / "cli").glob("*.py")}
