@@ -157,7 +157,7 @@ def _fits_wrong_pose_better(scores: Singles, ends: Floats, pose: Floats, moves: 
     rows, cols = scores.shape
     beam_scores = BeamScores(scores.ravel(), rows, cols, resolution=1.0, product=False, shift=1.0)
     sums = np.empty(len(moves) + 1)
-    # In C order like the filter's: numba compiles a kernel for each order.
+    # The filter passes poses in C order, and numba compiles the kernel again for another order.
     poses = np.ascontiguousarray((pose[[1, 0, 2]] + np.vstack([np.zeros(3), moves])).T)
     add_scores(beam_scores, ends, poses, len(sums), sums)
     return bool(sums[1:].max() > sums[0])

@@ -287,10 +287,8 @@ class CostLayers(DrawableResult):
             decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
             remedy = "the nearest free position is "
             remedy += ",".join(f"{v:.{decimals}f}" for v in nearest)
-        if (
-            not self.grid.contains(row, col)
-            and self._find_cell_fault(*self.grid.cell((y, x))) is None
-        ):
+        is_outside = not self.grid.contains(row, col)
+        if is_outside and self._find_cell_fault(*self.grid.cell((y, x))) is None:
             remedy = f"did you swap x and y? {y:.10g},{x:.10g} is free"
         hint = "locplan info MAP -o PICTURE shows coordinates"
         raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}; {hint}")

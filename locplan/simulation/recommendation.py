@@ -684,7 +684,7 @@ class Recommendation(Result, StoredResult):
 
     @property
     def role(self) -> str:
-        """What the recommended path is, in a word or three."""
+        """Role of the recommended path in pictures: how far the simulation supports it."""
         if self.judgement is None:
             return "untested"
         if self.is_tuning_first:
